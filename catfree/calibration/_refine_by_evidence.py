@@ -19,7 +19,7 @@ from catfree.calibration._confident_people import ConfidentPeople, confident_peo
 from catfree.calibration._refinement import SAME_RESIDUAL, Refinement, RefinementSettings
 from catfree.calibration.people._correspondences import adjust_groups
 from catfree.calibration.people._radial_lens import ideal_pixels
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
+from catfree.calibration.people.adjustment._people_bundle import BoxMeasurements, KnownCameras
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, of_rig, rotation
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame, Similarity, transform_scene

@@ -12,10 +12,11 @@ from jaxtyping import Float, Int
 from catfree.calibration.people._box_grid import edges_from_center
 from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
 from catfree.calibration.people._register import Calibration, scene_of
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.adjustment._focal_spread import learn_focal_spread
 from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
     BundleResult,
+    KnownCameras,
     adjust_people_bundle,
     saves,
     weak_prior,

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people._correspondences import adjust_groups
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
-from catfree.calibration.people.adjustment._people_bundle import weak_prior
+from catfree.calibration.people.adjustment._people_bundle import BoxMeasurements, weak_prior
 from catfree.settings import CalibrationSettings
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
 

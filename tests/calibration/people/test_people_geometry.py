@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
-from catfree.calibration.people.adjustment._people_bundle import adjust_people_bundle, weak_prior
+from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
+    adjust_people_bundle,
+    weak_prior,
+)
 from catfree.calibration.people.adjustment._resection import MatchedPeople, fit_cameras
 from catfree.calibration.people.cameras._camera_model import (
     from_matrices,

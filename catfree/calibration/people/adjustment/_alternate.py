@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
 from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
     BundleResult,
     adjust_people_bundle,
     weak_prior,

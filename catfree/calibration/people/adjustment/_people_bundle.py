@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from catfree.calibration.people._radial_lens import lens
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.cameras._camera_model import (
     K1,
     LOG_FOCAL,
@@ -50,6 +49,36 @@ CAMERA_HEIGHTS = (0.3, 80.0)  # meters
 # or of as many people as are used at most. Cameras are padded to a multiple of theirs.
 PEOPLE_BLOCK = 1360
 CAMERA_BLOCK = 2
+
+
+@dataclass(frozen=True)
+class BoxMeasurements:
+    """Boxes of people seen by several cameras, sorted by person.
+
+    Attributes:
+        person: (n,) index of the person, ascending, without gaps.
+        camera: (n,) index of the camera.
+        box: (n, 3) center, top row, bottom row in pixels from the image center.
+        sd: (n, 3) standard deviations in pixels.
+    """
+
+    person: Int[np.ndarray, " n"]
+    camera: Int[np.ndarray, " n"]
+    box: Float[np.ndarray, "n 3"]
+    sd: Float[np.ndarray, "n 3"]
+
+
+@dataclass(frozen=True)
+class KnownCameras:
+    """Gaussian prior on the cameras, which also fixes the gauge.
+
+    Attributes:
+        parameters: (C, 7) its mean.
+        precision: (C, 7) inverse variances; 0 is uninformative.
+    """
+
+    parameters: Float[np.ndarray, "cam 7"]
+    precision: Float[np.ndarray, "cam 7"]
 
 
 @dataclass(frozen=True)

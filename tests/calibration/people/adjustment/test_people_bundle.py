@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people.adjustment import _people_bundle
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
+    KnownCameras,
     adjust_people_bundle,
     saves,
     weak_prior,
