@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from catfree.calibration._adjusted_cameras import NEAREST_DEPTH, Cameras
+from catfree.calibration._adjusted_cameras import moved_rig
 from catfree.geometry._arrays import safe_norm
 from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
@@ -28,7 +28,9 @@ from catfree.geometry._least_squares import (
     robust,
 )
 from catfree.settings._checked_settings import CheckedSettings
+from catfree.types import Rig
 
+NEAREST_DEPTH = 1e-6  # fraction of E; closer points, or points behind the camera, have no pixel
 RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector, in standard deviations
 SMALLEST_NOISE = 0.1  # px: no box is more exact; avoids division by zero for exact data
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
@@ -77,72 +79,66 @@ class FootPixels:
         return self.weight > 0
 
 
-@dataclass(frozen=True)
-class Adjustment:
-    """An adjusted rig and its people.
+class Adjustment(NamedTuple):
+    """An adjusted rig.
 
     Attributes:
-        cameras: the cameras.
-        points: (P, 3) the people's feet.
+        step: (C, 7) of the cameras from their start (`moved_rig`).
         cost: robust cost at the end, in squared standard deviations.
         noise: standard deviation in pixels of a foot pixel of weight 1.
     """
 
-    cameras: Cameras
-    points: Float[np.ndarray, "person 3"]
+    step: Float[np.ndarray, "cam 7"]
     cost: float
     noise: float
 
 
 def adjust(
     sightings: FootPixels,
-    cameras: Cameras,
+    start: Rig,
+    step: Float[np.ndarray, "cam 7"],
     points: Float[np.ndarray, "person 3"],
     *,
-    start: Cameras | None = None,
-    tie: CameraTie | None = None,
-    iterations: int = 10,
+    tie: CameraTie,
+    iterations: int,
 ) -> Adjustment:
     """Adjust cameras and people to the foot pixels with Levenberg-Marquardt.
 
     Args:
         sightings: the foot pixels.
-        cameras: initial cameras in the canonical frame (E = 1).
+        start: the cameras that the prior ties to, in the canonical frame (E = 1).
+        step: (C, 7) initial step from them (`moved_rig`).
         points: (P, 3) initial people.
-        start: the cameras that the prior ties to; `cameras` if None.
         tie: strength of the prior.
         iterations: maximum number of steps.
 
     Returns:
-        The adjusted cameras and people. Cameras that see no people stay at `start`.
+        The adjusted cameras. Those that see no people stay at `start`.
 
     Source:
         Sec. "Camera configuration and ground estimation"; Triggs et al. (2000), "Bundle
         adjustment: a modern synthesis", for the elimination of the points.
     """
-    start = cameras if start is None else start
-    precision = (CameraTie() if tie is None else tie).precision
-    noise = _noise(sightings, cameras, points)
+    noise = _noise(sightings, moved_rig(start, step), points)
+    K, R, center = (np.nan_to_num(part) for part in (start.K, start.R, start.centers))
     people, count = sightings.weight.shape
     P, C = coarse_length(people, PEOPLE_BLOCK), count + -count % CAMERA_BLOCK
-    focal = start.K[:, :2, :2] * np.exp(start.log_scale)[:, None, None]
     pixel = np.where(sightings.present[..., None], sightings.pixel, 0.0)
     with jax.enable_x64(True):
         solution, cost = _solve(
-            Unknowns(padded(cameras.away_from(start), C), padded(points, P)),
+            Unknowns(padded(step, C), padded(points, P)),
             _Feet(
-                offset=padded((pixel - start.K[:, :2, 2]).swapaxes(0, 1), C, P),
+                offset=padded((pixel - K[:, :2, 2]).swapaxes(0, 1), C, P),
                 precision=padded(np.sqrt(sightings.weight).T / noise, C, P),
-                R=padded(start.R, C),
-                center=padded(start.center, C),
-                focal=padded(focal, C),
-                image=padded(2 * start.K[:, 0, 2], C),
-                tie=jnp.asarray(np.sqrt(precision)),
+                R=padded(R, C),
+                center=padded(center, C),
+                focal=padded(K[:, :2, :2], C),
+                image=padded(2 * K[:, 0, 2], C),
+                tie=jnp.asarray(np.sqrt(tie.precision)),
             ),
             jnp.asarray(iterations, jnp.int32),
         )
-        step, points = np.array(solution.view)[:count], np.array(solution.block)[:people]
-        return Adjustment(start.moved(step), points, float(cost), noise)
+        return Adjustment(np.array(solution.view)[:count], float(cost), noise)
 
 
 class _Feet(NamedTuple):
@@ -230,11 +226,21 @@ def _solve(start: Unknowns, feet: _Feet, most_steps: Array) -> tuple[Unknowns, A
     return solution.value, solution.stats["cost"]
 
 
-def _noise(sightings: FootPixels, cameras: Cameras, points: Float[np.ndarray, "person 3"]) -> float:
+def project_directions(
+    rig: Rig, direction: Float[np.ndarray, "person cam 3"]
+) -> Float[np.ndarray, "person cam 2"]:
+    """Pixels, without lens distortion, of world directions; arbitrary behind the camera."""
+    local = np.einsum("cij,pcj->pci", rig.R, direction)
+    depth = np.where(local[..., 2] > NEAREST_DEPTH, local[..., 2], 1.0)
+    offset = np.einsum("cij,pcj->pci", rig.K[:, :2, :2], local[..., :2] / depth[..., None])
+    return offset + rig.K[:, :2, 2]
+
+
+def _noise(sightings: FootPixels, rig: Rig, points: Float[np.ndarray, "person 3"]) -> float:
     """Estimate the standard deviation of a foot pixel of weight 1 from the median residual."""
-    direction = points[:, None] - cameras.center
-    in_front = np.einsum("ci,pci->pc", cameras.R[:, 2], direction) > NEAREST_DEPTH
-    length = np.linalg.norm(sightings.pixel - cameras.project_directions(direction), axis=-1)
+    direction = points[:, None] - rig.centers
+    in_front = np.einsum("ci,pci->pc", rig.R[:, 2], direction) > NEAREST_DEPTH
+    length = np.linalg.norm(sightings.pixel - project_directions(rig, direction), axis=-1)
     standard = (length * np.sqrt(sightings.weight))[sightings.present & in_front]
     median = float(np.median(standard)) if standard.size else 0.0
     return max(median / RAYLEIGH_MEDIAN, SMALLEST_NOISE)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.calibration._adjusted_cameras import Cameras, with_registered
-from catfree.calibration._bundle_adjustment import FootPixels, adjust
+from catfree.calibration._adjusted_cameras import moved_rig, with_registered
+from catfree.calibration._bundle_adjustment import FootPixels, adjust, project_directions
 from catfree.calibration._refine_by_evidence import refine_by_evidence
 from catfree.calibration._refinement import (
     Refinement as Refinement,
@@ -43,7 +43,8 @@ class _Round:
     """A rig and the people found with it.
 
     Attributes:
-        cameras: in the canonical frame.
+        step: (C, 7) of the cameras from the given ones (`moved_rig`).
+        rig: the cameras in the canonical frame.
         rays: of all observations.
         member: (P, C) observation in each camera, or -1.
         points: (P, 3) positions.
@@ -51,7 +52,8 @@ class _Round:
         ratio: pose ratio for the next round.
     """
 
-    cameras: Cameras
+    step: Float[np.ndarray, "cam 7"]
+    rig: Rig
     rays: Rays
     member: Int[np.ndarray, "person cam"]
     points: Float[np.ndarray, "person 3"]
@@ -131,12 +133,12 @@ def _refine_by_paper(
 ) -> Refinement:
     """Refine with the paper's procedure: all rounds, with the people of the paper's association."""
     frame = CanonicalFrame.of(scene)
-    rig = frame.rig(scene.rig)
-    observations = observe(detections, rig, keep=keep)
-    start = Cameras.of(rig)
+    start = frame.rig(scene.rig)
+    observations = observe(detections, start, keep=keep)
+    still = np.zeros((start.camera_count, 7))
     # As in localization, an unweighted pass comes first, so that all rounds are comparable.
-    current = _associated(observations, start, rig, 1.0, settings, refinement.cameras)
-    current = _associated(observations, start, rig, current.ratio, settings, refinement.cameras)
+    current = _associated(observations, start, still, 1.0, settings, refinement.cameras)
+    current = _associated(observations, start, still, current.ratio, settings, refinement.cameras)
     if len(current.member) == 0:
         raise InsufficientDataError(
             f"No person is seen by {refinement.cameras} cameras at once within the angular "
@@ -147,9 +149,9 @@ def _refine_by_paper(
     residuals, people = [current.residual], [len(current.member)]
     for done in range(rounds):
         report("refinement", done, rounds)
-        cameras = _adjusted(observations, current, start, refinement)
+        step = _adjusted(observations, current, start, refinement)
         current = _associated(
-            observations, cameras, rig, current.ratio, settings, refinement.cameras
+            observations, start, step, current.ratio, settings, refinement.cameras
         )
         residuals.append(current.residual)
         people.append(len(current.member))
@@ -181,17 +183,14 @@ def _confident(detections: Detections, rig: Rig, settings: Settings) -> Bool[np.
 
 def _associated(
     observations: Observations,
-    cameras: Cameras,
-    rig: Rig,
+    start: Rig,
+    step: Float[np.ndarray, "cam 7"],
     ratio: float,
     settings: Settings,
     needed: int,
 ) -> _Round:
-    """Associate people with these cameras and measure how well their rays meet.
-
-    `rig` provides the lens distortion.
-    """
-    rig = cameras.rig(rig)
+    """Associate people with cameras that took a step, and measure how well their rays meet."""
+    rig = moved_rig(start, step)
     rays = cast_rays(observations, rig)
     groups = associate(observations, weigh_rays(observations, rays, ratio, settings), settings)
     if settings.rays.use_ankles:
@@ -203,26 +202,26 @@ def _associated(
     )
     angle = residual[member >= 0]
     median = float(np.median(angle)) if len(angle) else np.inf
-    return _Round(cameras, rays, member, points.astype(np.float64), median, ratio)
+    return _Round(step, rig, rays, member, points.astype(np.float64), median, ratio)
 
 
 def _adjusted(
-    observations: Observations, current: _Round, start: Cameras, refinement: RefinementSettings
-) -> Cameras:
-    """Adjust the cameras to the people of a round."""
+    observations: Observations, current: _Round, start: Rig, refinement: RefinementSettings
+) -> Float[np.ndarray, "cam 7"]:
+    """Adjust the cameras to the people of a round; return their step from the start."""
     member = current.member
     weight = np.where(member >= 0, _pixel_weight(observations, current.ratio)[member], 0.0)
     direction = np.asarray(current.rays.direction, np.float64)[member]
     # Projected rays are the foot pixels without lens distortion.
-    pixel = current.cameras.project_directions(direction)
+    pixel = project_directions(current.rig, direction)
     return adjust(
         FootPixels(pixel, weight),
-        current.cameras,
+        start,
+        current.step,
         current.points,
-        start=start,
         tie=refinement.tie,
         iterations=refinement.iterations,
-    ).cameras
+    ).step
 
 
 def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray, " n"]:
@@ -243,11 +242,9 @@ def _scene(
     frame: CanonicalFrame, original: Scene, best: _Round, refinement: RefinementSettings
 ) -> Scene:
     """Transform the scene of a round to the world frame of the given scene."""
-    rig = best.cameras.rig(original.rig)
-    R = np.asarray(rig.R, np.float64) @ frame.axes.T
-    centers = frame.to_world(best.cameras.center)
-    t = -np.einsum("cij,cj->ci", R, centers)
-    refined = with_registered(original.rig, np.asarray(rig.K, np.float64), R, t)
+    R = np.asarray(best.rig.R) @ frame.axes.T
+    t = -np.einsum("cij,cj->ci", R, frame.to_world(np.asarray(best.rig.centers)))
+    refined = with_registered(original.rig, np.asarray(best.rig.K), R, t)
     ground = original.ground
     if refinement.refit_ground:
         height, slope_x, slope_y = ground_under_people(

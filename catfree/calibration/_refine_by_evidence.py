@@ -18,12 +18,12 @@ from catfree.calibration._bundle_adjustment import CameraTie
 from catfree.calibration._confident_people import ConfidentPeople, confident_people
 from catfree.calibration._refinement import SAME_RESIDUAL, Refinement, RefinementSettings
 from catfree.calibration.people._correspondences import adjust_groups
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, from_matrices, rotation
+from catfree.calibration.people._radial_lens import ideal_pixels
+from catfree.calibration.people.adjustment._people_bundle import BoxMeasurements, KnownCameras
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, of_rig, rotation
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame, Similarity, transform_scene
 from catfree.geometry._person import edge_deviation
-from catfree.methods.evidence.observe._boxes import undistorted_pixels
 from catfree.methods.paper.association import (
     Observations,
     associate_in_two_passes,
@@ -208,7 +208,6 @@ def _adjusted(
     result = adjust_groups(
         BoxMeasurements(person, camera, _ideal_boxes(detections[row], rig), people.box_sd[row]),
         start,
-        settings.foot_offset,
         KnownCameras(
             _parameters(frame, original.rig, unit_in_meters),
             np.broadcast_to(precision, start.shape),
@@ -229,14 +228,9 @@ def _parameters(
     frame: CanonicalFrame, rig: Rig, unit_in_meters: float
 ) -> Float[np.ndarray, "cam 7"]:
     """Camera parameters for the bundle adjustment, zero for unregistered cameras."""
-    upright = frame.rig(rig)
-    K, R, t = (np.asarray(value, np.float64) for value in (upright.K, upright.R, upright.t))
-    registered = rig.registered[:, None, None]
-    return from_matrices(
-        np.where(registered, K, np.eye(3)),
-        np.where(registered, R, np.eye(3)),
-        np.where(registered[..., 0], t * unit_in_meters, 0.0),
-    )
+    parameters = np.nan_to_num(of_rig(frame.rig(rig)))
+    parameters[:, X:] *= unit_in_meters
+    return parameters
 
 
 def _precision(tie: CameraTie, unit_in_meters: float) -> Float[np.ndarray, "7"]:
@@ -251,15 +245,11 @@ def _ideal_boxes(detections: Detections, rig: Rig) -> Float[np.ndarray, "n 3"]:
     Offsets from the principal point in units of horizontal pixels.
     """
     box, camera = np.asarray(detections.box, np.float64), detections.camera
-    K = np.asarray(rig.K, np.float64)[camera]
     middle = (box[:, 0] + box[:, 2]) / 2
-    columns, rows = [], []
-    for row in (box[:, 1], box[:, 3]):
-        pixel = undistorted_pixels(rig, camera, np.stack([middle, row], -1))
-        plane = np.linalg.solve(K, np.column_stack([pixel, np.ones(len(row))])[..., None])
-        columns.append(K[:, 0, 0] * plane[:, 0, 0])
-        rows.append(K[:, 0, 0] * plane[:, 1, 0])
-    return np.stack([(columns[0] + columns[1]) / 2, *rows], -1)
+    head, foot = (
+        ideal_pixels(rig, camera, np.column_stack([middle, box[:, edge]])) for edge in (1, 3)
+    )
+    return np.column_stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]])
 
 
 def _aligned_to(original: Scene, moved: Scene) -> Scene:

@@ -15,7 +15,8 @@ import numpy as np
 import scipy  # its statistics, which take long to import, where they are used
 from jaxtyping import Bool, Float
 
-from catfree.calibration.people._register import Calibration
+from catfree.calibration.people._radial_lens import radial_distortion
+from catfree.calibration.people._register import Calibration, scene_of
 from catfree.calibration.people.adjustment._anchor_residuals import (
     DISTANCE,
     FOCAL,
@@ -40,12 +41,11 @@ from catfree.calibration.people.cameras._camera_model import (
     X,
     of_rig,
     rotation,
-    to_matrices,
 )
 from catfree.calibration.people.cameras._rig_deviation import scale_variance, shape_deviation
 from catfree.errors import CalibrationError, InvalidInputError, shortened
 from catfree.settings import CalibrationSettings
-from catfree.types import GeoReference, Scene
+from catfree.types import GeoReference
 from catfree.types._validation import shown_camera
 
 ROUNDS = 20  # of linearization; a fit takes four
@@ -123,7 +123,7 @@ def anchored(
     if not anchors:
         return calibration
     registered = np.asarray(rig.registered)
-    cameras = np.where(registered[:, None], of_rig(rig), 0.0)
+    cameras = np.nan_to_num(of_rig(rig))
     stated = measurements_of(anchors, index, rig, earth)
     usable = [m for m in stated if registered[m.camera]]
     _require_ground(usable, cameras, camera_names)
@@ -511,23 +511,10 @@ def _described(
     known = np.asarray(rig.registered)
     cameras, J = map_cameras(fit.cameras, fit.frame)
     covariance = (J @ fit.covariance @ J.T).reshape(count, 7, count, 7)
-    _, R, t = to_matrices(cameras, np.asarray(rig.image_size))
-    K = np.array(rig.K, np.float64)
     focal = np.exp(cameras[:, LOG_FOCAL])
-    ratio = np.where(known, focal / K[:, 0, 0], 1.0)
-    K[:, :2, :2] *= ratio[:, None, None]
-    distortion = rig.distortion
-    if distortion is not None:  # the bend in pixels stays
-        distortion = np.array(distortion, np.float64)
-        distortion[:, 0] *= ratio**2
-    rig = replace(
-        rig,
-        K=K,
-        distortion=distortion,
-        R=np.where(known[:, None, None], R, np.asarray(rig.R)),
-        t=np.where(known[:, None], t, np.asarray(rig.t)),
-    )
-    scene = Scene.from_rig(rig, calibration.scene.ground, metric=True)
+    # The bend in pixels stays.
+    k1 = radial_distortion(rig) * (focal / np.asarray(rig.K, np.float64)[:, 0, 0]) ** 2
+    scene = scene_of(np.where(known[:, None], cameras, np.nan), rig.image_size, k1)
     blocks = covariance[np.arange(count), :, np.arange(count)]
     scale = float(np.exp(fit.frame[0]))
     crowd_height = calibration.crowd_height * scale

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from catfree.calibration.people._radial_lens import RadialLenses
-from catfree.calibration.people._register import Calibration, prepare, rig_with_lenses
-from catfree.calibration.people.cameras._camera_model import of_rig, to_matrices
+from catfree.calibration.people._register import Calibration, prepare, scene_of
+from catfree.calibration.people.cameras._camera_model import of_rig
 from catfree.calibration.people.cameras._rig_deviation import shape_deviation
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._verdict import (
@@ -26,7 +26,7 @@ from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
 from catfree.calibration.people.search._growth import accepted_candidates, best_candidate
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
-from catfree.types import Detections, Scene
+from catfree.types import Detections
 from catfree.types._sampling import frame_step
 from catfree.types._validation import shown_camera
 
@@ -206,10 +206,8 @@ def _resume(
 def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
     """Convert the cameras of a finished rig to a `RigState`."""
     rig = calibration.scene.rig
-    placed = np.asarray(rig.registered)
-    parameters = np.where(placed[:, None], of_rig(rig), np.nan)
-    tolerance = np.full(len(placed), settings.fine_range_tolerance)
-    return RigState(parameters, calibration.foot_offset, tolerance, calibration.shared_focal)
+    tolerance = np.full(rig.camera_count, settings.fine_range_tolerance)
+    return RigState(of_rig(rig), tolerance, calibration.shared_focal)
 
 
 def _with_cameras(
@@ -223,9 +221,7 @@ def _with_cameras(
 
     The uncertainties of the newly placed cameras in `anew` become NaN.
     """
-    size = np.asarray(calibration.scene.rig.image_size)
-    K, R, t = to_matrices(state.parameters, size)
-    K[~state.placed] = np.nan
+    rig = calibration.scene.rig
     association = np.where(state.placed, calibration.association_rate, np.nan)
     evidence = np.where(state.placed, calibration.log_likelihood_ratio, np.nan)
     for camera, verdict in verdicts.items():
@@ -236,13 +232,9 @@ def _with_cameras(
     pairs = np.logical_and.outer(kept, kept)[:, None, :, None]
     present = np.logical_and.outer(state.placed, state.placed)[:, None, :, None]
     joint = np.where(pairs, calibration.camera_covariance, np.where(present, np.nan, 0.0))
-    scene = Scene.from_rig(
-        rig_with_lenses(K, R, t, size, state.placed, RadialLenses.of(calibration.scene.rig).k1),
-        calibration.scene.ground,
-        metric=True,
-    )
+    scene = scene_of(state.parameters, rig.image_size, RadialLenses.of(rig).k1)
     rig_sd = calibration.scene.rig_sd
-    if anew or (state.placed != calibration.scene.rig.registered).any():
+    if anew or (state.placed != rig.registered).any():
         rig_sd = shape_deviation(state.parameters, joint, state.placed)
     return replace(
         calibration,

@@ -11,16 +11,17 @@ from jaxtyping import Float, Int
 
 from catfree.calibration.people._box_grid import edges_from_center
 from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
-from catfree.calibration.people._register import Calibration, rig_with_lenses
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
+from catfree.calibration.people._register import Calibration, scene_of
 from catfree.calibration.people.adjustment._focal_spread import learn_focal_spread
 from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
     BundleResult,
+    KnownCameras,
     adjust_people_bundle,
     saves,
     weak_prior,
 )
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig, to_matrices
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig
 from catfree.calibration.people.cameras._ground_map import map_ground
 from catfree.calibration.people.cameras._rig_deviation import (
     crowd_deviation,
@@ -31,7 +32,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings
-from catfree.types import Detections, Scene
+from catfree.types import Detections
 
 FEWEST_PEOPLE = 20
 SMALLEST_SD = 2.0  # pixels; lower bound for the error of a box edge
@@ -100,14 +101,13 @@ def refine_with_correspondences(
         sd = np.asarray(box_sd, np.float64)[row]
     parameters = of_rig(rig)
     k1 = np.where(registered, radial_distortion(rig), 0.0)
-    start = np.where(registered[:, None], parameters, 0.0)
+    start = np.nan_to_num(parameters)
     middle = np.log(np.median(settings.focal_shares) * rig.image_size.max(1))
 
     def solved(*, spread: float, bent: bool) -> BundleResult:
         return adjust_groups(
             BoxMeasurements(person, camera, box, sd),
             start,
-            calibration.foot_offset,
             weak_prior(camera, start, middle, settings),
             settings,
             focal_spread=spread,
@@ -129,14 +129,7 @@ def refine_with_correspondences(
     )
     adjusted = np.isfinite(result.parameters[:, LOG_FOCAL])
     parameters = np.where(adjusted[:, None], result.parameters, parameters)
-    K, R, t = to_matrices(parameters, rig.image_size)
-    K[~registered] = np.nan
-    k1 = np.where(adjusted, result.k1, k1)
-    scene = Scene.from_rig(
-        rig_with_lenses(K, R, t, rig.image_size, registered, k1),
-        calibration.scene.ground,
-        metric=True,
-    )
+    scene = scene_of(parameters, rig.image_size, np.where(adjusted, result.k1, k1))
     instants = len(np.unique(np.asarray(detections.frame)[row]))
     crowd_sd = crowd_deviation(len(members) / instants, settings)
     known, covariance = registered & adjusted, result.camera_covariance()
@@ -147,7 +140,11 @@ def refine_with_correspondences(
         scene=replace(scene, rig_sd=rig_sd),
         shared_focal=spread == alike,
         distortion_sd=np.where(adjusted, ALIKE * result.k1_sd, calibration.distortion_sd),
-        focal_sd=np.where(adjusted, K[:, 0, 0] * result.focal_deviation, calibration.focal_sd),
+        focal_sd=np.where(
+            adjusted,
+            np.exp(parameters[:, LOG_FOCAL]) * result.focal_deviation,
+            calibration.focal_sd,
+        ),
         center_covariance=np.where(
             adjusted[:, None, None], result.center_covariance, calibration.center_covariance
         ),
@@ -169,7 +166,6 @@ def refine_with_correspondences(
 def adjust_groups(
     measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
-    foot_offset: float,
     known: KnownCameras,
     settings: CalibrationSettings,
     *,
@@ -182,7 +178,6 @@ def adjust_groups(
     Args:
         measurements: the boxes of each group; an edge with deviation NaN or infinity is ignored.
         parameters: (C, 7) initial cameras, in meters over the ground z = 0.
-        foot_offset: initial foot offset in meters.
         known: prior on the cameras.
         settings: constants.
         focal_spread: see `adjust_people_bundle`.
@@ -194,12 +189,11 @@ def adjust_groups(
     straight = box
     if k1 is not None:
         straight = RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1).straightened(camera, box)
-    people = _start(parameters, straight, sd, person, camera, settings, foot_offset)
+    people = _start(parameters, straight, sd, person, camera, settings)
     return adjust_people_bundle(
         BoxMeasurements(person, camera, box, sd),
         parameters,
         people,
-        foot_offset,
         known,
         settings,
         focal_spread=focal_spread,
@@ -215,7 +209,6 @@ def _start(
     person: Int[np.ndarray, " n"],
     camera: Int[np.ndarray, " n"],
     settings: CalibrationSettings,
-    foot_offset: float,
 ) -> Float[np.ndarray, "person 3"]:
     """(P, 3) initial ground position, averaged over single views, and height of each person."""
     count = int(person.max()) + 1
@@ -229,7 +222,6 @@ def _start(
             np.minimum(sd[rows].mean(1), 0.2 * height)[None],
             np.ones((1, len(rows)), bool),
             settings,
-            foot_offset=foot_offset,
             range_tolerance=settings.fine_range_tolerance,
         )
         weight = ground_map.valid[0] / ground_map.covariance[0].trace(axis1=1, axis2=2)

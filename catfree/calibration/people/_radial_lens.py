@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry.camera import undistort
+from catfree.methods.evidence.observe._boxes import undistorted_pixels
 from catfree.types import Rig
 
 BLOCK = 2048  # pixels undistorted together
@@ -64,6 +65,25 @@ def radial_distortion(rig: Rig) -> Float[np.ndarray, " cam"]:
     if rig.distortion is None:
         return np.zeros(rig.camera_count)
     return np.nan_to_num(np.asarray(rig.distortion, np.float64)[:, 0])
+
+
+def ideal_pixels(
+    rig: Rig, camera: Int[np.ndarray, " n"], pixel: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n 2"]:
+    """Pixels of ideal cameras with square pixels, from the principal point.
+
+    Args:
+        rig: the cameras, pinholes.
+        camera: (n,) camera of each pixel.
+        pixel: (n, 2) as observed.
+
+    Returns:
+        (n, 2) in units of horizontal pixels; NaN for cameras that are NaN.
+    """
+    K = np.asarray(rig.K, np.float64)[camera]
+    straight = undistorted_pixels(rig, camera, pixel)
+    plane = np.linalg.solve(K, np.column_stack([straight, np.ones(len(pixel))])[..., None])
+    return K[:, :1, 0] * plane[:, :2, 0]
 
 
 def lens(k1: Float[Array, ""]) -> Float[Array, "5"]:

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from catfree.calibration.people._box_grid import grid_boxes
 from catfree.calibration.people._radial_lens import RadialLenses
+from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.adjustment._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_variance
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._clock_offsets import find_offsets
-from catfree.calibration.people.search._growth import JudgedRig
 from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
@@ -136,7 +136,7 @@ def _register_bent(
     settings: CalibrationSettings,
     camera_names: Sequence[str] | None,
     report: Progress,
-) -> tuple[Workspace, JudgedRig]:
+) -> tuple[Workspace, AdjustedRig]:
     """Register cameras with ideal lenses, and if fewer than three are found, with bent ones.
 
     Three cameras share people to whom their lenses are adjusted, and then find the others. Bent
@@ -145,7 +145,7 @@ def _register_bent(
     Raises:
         CalibrationError: if no two cameras share people, whatever the lenses.
     """
-    best: tuple[Workspace, JudgedRig] | None = None
+    best: tuple[Workspace, AdjustedRig] | None = None
     refusal: CalibrationError | None = None
     for k1 in (0.0, *settings.bent_lenses):
         focal = np.median(settings.focal_shares) * size.max(1)
@@ -205,18 +205,25 @@ def prepare(
     return work
 
 
-def rig_with_lenses(
-    K: Float[np.ndarray, "cam 3 3"],
-    R: Float[np.ndarray, "cam 3 3"],
-    t: Float[np.ndarray, "cam 3"],
+def scene_of(
+    parameters: Float[np.ndarray, "cam 7"],
     size: Int[np.ndarray, "cam 2"],
-    registered: Bool[np.ndarray, " cam"],
     k1: Float[np.ndarray, " cam"],
-) -> Rig:
-    """Rig of cameras with radial distortion, without distortion if all k1 are 0."""
+) -> Scene:
+    """Metric scene of cameras over the ground z = 0; those that are NaN are not registered.
+
+    Args:
+        parameters: (C, 7) cameras as in `_camera_model`.
+        size: (C, 2) image widths and heights in pixels.
+        k1: (C,) radial distortion; if all are 0, the rig has no distortion.
+    """
+    registered = np.isfinite(parameters[:, LOG_FOCAL])
+    K, R, t = to_matrices(parameters, size)
+    K[~registered] = np.nan
     distortion = np.zeros((len(k1), 5))
     distortion[:, 0] = np.where(registered, k1, 0.0)
-    return Rig(K, R, t, size, distortion if distortion.any() else None, registered)
+    rig = Rig(K, R, t, size, distortion if distortion.any() else None, registered)
+    return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
 
 
 def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:
@@ -240,7 +247,7 @@ def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarr
 
 def describe_registration(
     work: Workspace,
-    registered: JudgedRig,
+    registered: AdjustedRig,
     camera_names: Sequence[str] | None,
     offset: Int[np.ndarray, " cam"],
 ) -> Calibration:
@@ -255,7 +262,7 @@ def describe_registration(
     Raises:
         CalibrationError: if fewer than two cameras can be trusted.
     """
-    count, state, bundle = work.grid.camera_count, registered.rig.state, registered.rig.bundle
+    count, state, bundle = work.grid.camera_count, registered.state, registered.bundle
     trusted = np.zeros(count, bool)
     association, evidence = np.full(count, np.nan), np.full(count, np.nan)
     for camera, verdict in registered.verdicts.items():
@@ -274,18 +281,12 @@ def describe_registration(
             f"({reasons or 'no matches'}); check synchronization and overlap, or record longer."
         )
     parameters = np.where(trusted[:, None], state.parameters, np.nan)
-    K, R, t = to_matrices(parameters, work.grid.size)
-    K[~trusted] = np.nan
     crowd_sd = crowd_deviation(len(bundle.people) / work.grid.frame_count, work.settings)
     # The boxes were straightened for another focal length.
     ratio = np.exp(parameters[:, LOG_FOCAL]) / work.lenses.focal
     k1 = work.lenses.k1 * np.nan_to_num(ratio) ** 2
     return Calibration(
-        scene=Scene.from_rig(
-            rig_with_lenses(K, R, t, work.grid.size, trusted, k1),
-            Plane(np.array([0.0, 0.0, 1.0]), 0.0),
-            metric=True,
-        ),
+        scene=scene_of(parameters, work.grid.size, k1),
         association_rate=association,
         log_likelihood_ratio=evidence,
         focal_sd=np.exp(parameters[:, LOG_FOCAL]) * bundle.focal_deviation,
@@ -299,7 +300,7 @@ def describe_registration(
         ).item(),
         crowd_height=work.settings.person_height,
         crowd_height_sd=crowd_sd,
-        foot_offset=state.foot_offset,
+        foot_offset=work.settings.foot_offset,
         residual=bundle.residual,
         camera_residual=np.where(trusted, bundle.camera_residual, np.nan),
         sightings=np.where(trusted, bundle.sightings, 0),

@@ -8,24 +8,25 @@ within the usual deviations of a rig. They are unknowns, too: people who walk to
 not look like a camera that turns.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration.watching._matching import (
+    LAG,
+    PARAMETERS,
+    TURN,
     BoxMatches,
-    Correction,
     best,
     candidates,
     corrected_place,
     match_boxes,
+    whole_steps,
 )
 from catfree.calibration.watching._sights import Sights, linear
 from catfree.geometry._least_squares import CAUCHY
 
-PARAMETERS = 8  # of a camera: turn (3), lag, center (3) in person heights, log focal length
 ROUNDS = 3  # of matching and solving
 REWEIGHTED = 2  # solutions per round
 FLOOR = 0.001  # radians; noise of an edge besides its share of the box height
@@ -70,41 +71,44 @@ def solve_window(
     sights: Sights,
     begin: int,
     stop: int,
-    start: Sequence[Correction],
+    start: Float[np.ndarray, "cam 8"],
     noise: Float[np.ndarray, "3"],
     shifts: Int[np.ndarray, " s"] | None = None,
-) -> tuple[Window, list[Correction]]:
-    """Match everybody of a window, and sum what it says about the cameras.
+) -> tuple[Window, Float[np.ndarray, "cam 8"]]:
+    """Match everybody of a window, and sum what it says about the cameras' errors.
 
     Args:
         sights: the recording.
         begin: first step.
         stop: step after the last one.
-        start: (C,) errors of the cameras to begin with.
+        start: (C, 8) errors of the cameras to begin with.
         noise: of the edges of a box, as a share of its height.
         shifts: lags to look for, in steps; None to trust `start`.
+
+    Returns:
+        The window, and (C, 8) the errors that fit it.
     """
     people, count = sights.people, len(sights.place)
     low, high = map(int, np.searchsorted(people.frame, [begin, stop]))
     person = np.arange(low, high)
-    corrections = list(start)
-    registered = np.flatnonzero(np.asarray(sights.scene.rig.registered)).tolist()
+    errors = start.copy()
+    registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
     present = (sights.boxes.frame >= begin) & (sights.boxes.frame < stop)
     boxes = np.bincount(sights.boxes.camera[present], minlength=count)
     if shifts is not None:
         for camera in np.flatnonzero(boxes).tolist():
             others = sights.seen_by_others(camera, begin, stop)
             tried = candidates(sights, camera, others, shifts)
-            corrections[camera] = best(sights, camera, others, corrections[camera], tried)
+            errors[camera] = best(sights, camera, others, errors[camera], tried)
     state = people.state[person].copy()
-    begun = _parameters(corrections)
+    begun = errors.ravel()
     matrix, vector = np.zeros((0, len(begun), len(begun))), np.zeros((0, len(begun)))
     matches_by_camera: dict[int, BoxMatches] = {}
     for _ in range(ROUNDS):
-        matches = match_boxes(sights, person, state, [(c, corrections[c]) for c in registered])
-        matches_by_camera = dict(zip(registered, matches, strict=True))
-        matrix, vector, corrections, state = _solve(
-            sights, person, state, matches_by_camera, corrections, begun, noise
+        matches = match_boxes(sights, person, state, registered, errors[registered])
+        matches_by_camera = dict(zip(registered.tolist(), matches, strict=True))
+        matrix, vector, errors, state = _solve(
+            sights, person, state, matches_by_camera, errors, begun, noise
         )
     blank = np.zeros(count, np.int64)
     matched, expected, distinct = blank.copy(), blank.copy(), blank.copy()
@@ -116,12 +120,7 @@ def solve_window(
         matched[camera] = np.isin(matches.person, matches.expected[others]).sum()
         distinct[camera] = len(np.unique(people.track[matches.expected[others]]))
     window = Window(begin, stop, matrix, vector, matched, expected, distinct, boxes)
-    return window, corrections
-
-
-def _parameters(corrections: Sequence[Correction]) -> Float[np.ndarray, " p"]:
-    """Errors of all cameras."""
-    return np.concatenate([[*one.turn, one.lag, *one.center, one.zoom] for one in corrections])
+    return window, errors
 
 
 class _Equations(NamedTuple):
@@ -186,13 +185,13 @@ def _solve(
     person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
     matches_by_camera: dict[int, BoxMatches],
-    present: list[Correction],
+    present: Float[np.ndarray, "cam 8"],
     begun: Float[np.ndarray, " p"],
     noise: Float[np.ndarray, "3"],
 ) -> tuple[
     Float[np.ndarray, "group p p"],
     Float[np.ndarray, "group p"],
-    list[Correction],
+    Float[np.ndarray, "cam 8"],
     Float[np.ndarray, "m 3"],
 ]:
     """Linearize around the present errors and places, and solve with robust weights.
@@ -215,10 +214,10 @@ def _solve(
     row = np.concatenate([nobody, *(one.person for one in matches_by_camera.values())])
     velocity, row = people.velocity[row], np.searchsorted(person, row)
     box = np.concatenate([nobody, *(one.box for one in matches_by_camera.values())])
-    rest = np.array([at.lag - at.shift for at in present])
+    rest = present[:, LAG] - whole_steps(present)
     moved = state[row]
-    moved[:, :2] -= rest[camera, None] * velocity
-    place = np.array([corrected_place(sights, c, at) for c, at in enumerate(present)])
+    moved[:, :2] -= rest[camera] * velocity
+    place = corrected_place(sights, np.arange(count), present)
     value, slopes = linear(moved, velocity, place[camera])
     slopes[..., 4:7] *= sights.unit
     slope[row, camera], residual[row, camera] = slopes, boxes.angle[box] - value
@@ -228,7 +227,7 @@ def _solve(
     precision *= used[:, None, None]
     tall = people.state[person, 2]
     held = (HEIGHT_SD * tall) ** -2.0
-    theta = _parameters(present)
+    theta = present.ravel()
     pull = held * (tall - state[:, 2])
     equations = _Equations.of(slope, residual, precision, held, pull)
     step, shift = np.zeros(p), np.zeros((m, 3))
@@ -246,11 +245,7 @@ def _solve(
         step[quick] = np.linalg.solve(total[np.ix_(quick, quick)], needed)
         shift = equations.solution[..., p] - equations.solution[..., :p] @ step
     step = step.reshape(count, PARAMETERS)
-    step[:, :3] = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
-    corrections = [
-        one._replace(turn=one.turn + step[c, :3], lag=float(one.lag + step[c, 3]))
-        for c, one in enumerate(present)
-    ]
+    step[:, TURN] = np.clip(step[:, TURN], -LARGEST_STEP, LARGEST_STEP)
     reach = FARTHEST * sights.unit
     kept = np.flatnonzero(used)
     track = people.track[person[kept]]
@@ -259,4 +254,4 @@ def _solve(
     for g, one in enumerate(tracks):
         of_group[g], to[g] = equations.sums(kept[track == one])
     to += of_group @ theta
-    return of_group, to, corrections, state + np.clip(shift, -reach, reach)
+    return of_group, to, present + step, state + np.clip(shift, -reach, reach)

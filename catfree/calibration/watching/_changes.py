@@ -13,16 +13,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import fdtrc
 
-from catfree.calibration.watching._agreement import PARAMETERS, Window, prior
+from catfree.calibration.watching._agreement import Window, prior
+from catfree.calibration.watching._matching import LAG, PARAMETERS, TURN
 
-TURN, LAG = slice(0, 3), slice(3, 4)
 KINDS = (TURN, LAG)
 REPEATS = (3, 1, PARAMETERS - 4)  # parameters of the turn, the lag and the rest
 POOLED = 8.0  # degrees of freedom of what is known before a camera's people tell its noise
 HELD = 1e8  # times the information of the prior on centers and focal lengths
 FEWEST_WINDOWS = 4  # below which nothing is said to change
 # Errors that no number of people averages out: of places where the map is bent, of gait.
-TURN_FLOOR, LAG_FLOOR = np.deg2rad(0.05), 0.03
+FLOORS = np.deg2rad(0.05) ** 2, 0.03**2  # variances of a turn and of a lag
 MOST_CHANGES = 3  # of one camera and kind
 LOST = 0.3  # of the usual share of matches; below it a camera does not show these people
 
@@ -114,7 +114,7 @@ class Course:
         factor = np.sqrt(np.repeat(self.noise[:, [0, 1, 0]], REPEATS, axis=1)).ravel()
         covariance = design @ self.covariance @ design.T * factor[:, None] * factor
         if floor:
-            floors = np.tile([TURN_FLOOR**2] * 3 + [LAG_FLOOR**2] + [0.0] * 4, len(self.noise))
+            floors = np.tile(np.repeat([*FLOORS, 0.0], REPEATS), len(self.noise))
             covariance = covariance + np.diag(floors)
         return design @ self.value, covariance
 
@@ -129,9 +129,8 @@ class Course:
         design = np.zeros((size, len(self.value)))
         for index in indices:
             design[:, begins[index] : begins[index] + size] = np.eye(size)
-        floor = (TURN_FLOOR, LAG_FLOOR)[which] ** 2 * np.eye(size)
         covariance = self.noise[camera, which] * design @ self.covariance @ design.T
-        return design @ self.value, covariance + floor
+        return design @ self.value, covariance + FLOORS[which] * np.eye(size)
 
 
 def fit_course(
@@ -283,7 +282,6 @@ def _strongest(
         for w, (A, b) in enumerate(zip(matrix, vector, strict=True))
     ]
     score, information = np.array(rest)[:, columns], matrix[:, columns, columns]
-    floor = (TURN_FLOOR, LAG_FLOOR)[which] ** 2 * np.eye(size)
     noise, freedom = course.noise[camera, which], course.freedom[camera, which]
     # Information that a change shares with what is already in the model.
     shared = [(matrix[w] @ course.design(w))[columns] for w in range(len(matrix))]
@@ -302,7 +300,7 @@ def _strongest(
         informative = values > 1e-9 * values[-1]
         inverse = (vectors[:, informative] / values[informative]) @ vectors[:, informative].T
         change = inverse @ score[window:].sum(0)
-        covariance = noise * (inverse + 1e-12 * np.eye(size)) + floor
+        covariance = noise * (inverse + 1e-12 * np.eye(size)) + FLOORS[which] * np.eye(size)
         squared = float(change @ np.linalg.solve(covariance, change))
         chance = float(fdtrc(size, freedom, squared / size))
         if chance < best[0]:

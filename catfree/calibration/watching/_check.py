@@ -9,15 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import ndtri
 
-from catfree.calibration.watching._agreement import PARAMETERS
-from catfree.calibration.watching._changes import (
-    LAG,
-    TURN,
-    Course,
-    as_turns,
-    lost_since,
-)
+from catfree.calibration.watching._changes import Course, as_turns, lost_since
 from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
+from catfree.calibration.watching._matching import LAG, PARAMETERS, TURN
 from catfree.calibration.watching._sights import linear
 from catfree.calibration.watching._swapped import FEWEST_EXPECTED, swapped_cameras
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
@@ -398,8 +392,8 @@ class _Judge:
         sights = self.watched.sights
         people, boxes = sights.people, sights.boxes
         person = np.flatnonzero(people.support[:, camera] >= 0)
-        mine = boxes.camera == camera
-        if not len(person) or not mine.any():
+        mine = boxes.of_camera(camera)
+        if not len(person) or not len(boxes.size[mine]):
             return float("nan"), float("nan")
         person = person[:: max(1, len(person) // 500)]
         place = np.broadcast_to(sights.place[camera], (len(person), 3, 4))
@@ -409,16 +403,10 @@ class _Judge:
         foot = slope[:, [0, 2]][:, :, PARAMETERS : PARAMETERS + 2]
         usable = np.abs(np.linalg.det(foot)) > 1e-12
         shift = np.linalg.solve(foot[usable], moved[usable][:, [0, 2], None])[..., 0]
-        per_radian = self._pixels_per_radian(camera)
+        pixels_per_radian = np.median(boxes.height[mine] / boxes.size[mine])
         distance = np.linalg.norm(shift, axis=-1)
         ground = float(np.median(distance)) if len(distance) else float("nan")
-        return float(angle.mean() * per_radian), ground
-
-    def _pixels_per_radian(self, camera: int) -> float:
-        """Median height of the boxes of a camera in pixels per radian."""
-        boxes = self.watched.sights.boxes
-        mine = boxes.camera == camera
-        return float(np.median(boxes.height[mine] / boxes.size[mine]))
+        return float(angle.mean() * pixels_per_radian), ground
 
 
 def _angle(

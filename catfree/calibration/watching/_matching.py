@@ -1,6 +1,11 @@
-"""Match the boxes of one camera with the people that the others saw, also if it turned or lags."""
+"""Match the boxes of one camera with the people that the others saw, also if it turned or lags.
 
-from collections.abc import Sequence
+The error of a camera is an array of 8 numbers: its turn, a rotation vector in its axes in radians;
+its lag, the steps by which it shows an earlier instant than its frame numbers say; the displacement
+of its center along the ground's axes and upward, in person heights; and its zoom, the natural log
+by which its focal length is longer.
+"""
+
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -11,6 +16,8 @@ from scipy.spatial.transform import Rotation
 from catfree.calibration.watching._sights import SightedBoxes, Sights, predicted
 from catfree.types._sampling import equal_pairs
 
+PARAMETERS = 8  # of the error of a camera
+TURN, LAG, CENTER, ZOOM = slice(0, 3), slice(3, 4), slice(4, 7), slice(7, 8)
 SPREAD = 0.12  # of a box height; deviation of a box from a person that it may show
 GATE = 3.0  # deviations; the largest distance of a match
 ALIKE = 0.35  # natural log; the largest ratio of the heights of a box and of a person in a vote
@@ -19,30 +26,6 @@ REACH = 15  # cells; the largest turn that is looked for
 TRIED = 4  # peaks of a vote that are tried
 BETTER = 1.25  # times as many matches as at present are needed to believe a peak
 FEWEST = 6  # more matches than at present are needed to believe a peak
-
-
-class Correction(NamedTuple):
-    """What is known of a camera's error.
-
-    Attributes:
-        turn: (3,) rotation vector in the camera's axes, radians.
-        lag: steps by which it shows an earlier instant than its frame numbers say.
-        center: (3,) displacement along the ground's axes and upward, in person heights.
-        zoom: natural log by which its focal length is longer.
-    """
-
-    turn: Float[np.ndarray, "3"]
-    lag: float
-    center: Float[np.ndarray, "3"] = np.zeros(3)
-    zoom: float = 0.0
-
-    @property
-    def shift(self) -> int:
-        """The lag in whole steps."""
-        return round(self.lag)
-
-
-NO_ERROR = Correction(np.zeros(3), 0.0)
 
 
 class BoxMatches(NamedTuple):
@@ -63,19 +46,23 @@ class BoxMatches(NamedTuple):
     expected: Int[np.ndarray, " e"]
 
 
-def corrected_place(sights: Sights, camera: int, at: Correction) -> Float[np.ndarray, "3 4"]:
-    """The map to the axes of a camera with an error; depth is scaled for its focal length."""
-    place = sights.place[camera].copy()
-    place[:, 3] -= place[:, :3] @ (sights.unit * at.center)
-    turn = Rotation.from_rotvec(at.turn).as_matrix()
-    return np.array([[1.0], [1.0], [np.exp(-at.zoom)]]) * (turn @ place)
+def corrected_place(
+    sights: Sights, camera: Int[np.ndarray, " n"], error: Float[np.ndarray, "n 8"]
+) -> Float[np.ndarray, "n 3 4"]:
+    """The maps to the axes of cameras with errors; depth is scaled for their focal lengths."""
+    place = sights.place[camera]
+    place[..., 3:] -= place[..., :3] @ (sights.unit * error[:, CENTER, None])
+    place = Rotation.from_rotvec(error[:, TURN]).as_matrix() @ place
+    place[:, 2] *= np.exp(-error[:, ZOOM])
+    return place
 
 
 def match_boxes(
     sights: Sights,
     person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
-    errors: Sequence[tuple[int, Correction]],
+    camera: Int[np.ndarray, " n"],
+    error: Float[np.ndarray, "n 8"],
 ) -> list[BoxMatches]:
     """Match people with the boxes of cameras: each is the nearest of the other.
 
@@ -83,27 +70,31 @@ def match_boxes(
         sights: the recording.
         person: indices of the people to match.
         state: their states.
-        errors: cameras, each with the error that it is assumed to have.
+        camera: (n,) indices of cameras.
+        error: (n, 8) the error that each of them is assumed to have.
 
     Returns:
         The matches of each camera and error.
     """
-    m, camera = len(person), np.array([camera for camera, _ in errors], np.int64)
-    shift = np.array([at.shift for _, at in errors], np.int64)
-    rest = np.array([at.lag for _, at in errors]) - shift
     frame, velocity = sights.people.frame[person], sights.people.velocity[person]
-    moved = np.repeat(state[None], len(errors), 0)
-    moved[..., :2] -= rest[:, None, None] * velocity
-    shown = frame + shift[:, None]
-    inside = sights.imaged(np.repeat(camera, m), moved.reshape(-1, 3)).reshape(shown.shape)
+    shift = whole_steps(error)
+    moved = np.repeat(state[None], len(camera), 0)
+    moved[..., :2] -= (error[:, LAG] - shift)[..., None] * velocity
+    shown = frame + shift
+    of_all = np.repeat(camera, len(person))
+    inside = sights.imaged(of_all, moved.reshape(-1, 3)).reshape(shown.shape)
     of, at = np.nonzero(inside & (shown >= 0) & (shown < sights.steps))
-    place = np.array([corrected_place(sights, *error) for error in errors]).reshape(-1, 3, 4)
-    angle = predicted(moved[of, at], velocity[at], place[of])
-    ends = np.searchsorted(of, np.arange(len(errors) + 1))
+    angle = predicted(moved[of, at], velocity[at], corrected_place(sights, camera, error)[of])
+    ends = np.searchsorted(of, np.arange(len(camera) + 1))
     return [
         _nearest(sights.boxes, one, person[at[low:high]], shown[of, at][low:high], angle[low:high])
         for one, (low, high) in zip(camera.tolist(), pairwise(ends.tolist()), strict=True)
     ]
+
+
+def whole_steps(error: Float[np.ndarray, "n 8"]) -> Int[np.ndarray, "n 1"]:
+    """(n, 1) the lags of cameras in whole steps."""
+    return np.rint(error[:, LAG]).astype(np.int64)
 
 
 def _nearest(
@@ -137,8 +128,8 @@ def _fill_first(first: np.ndarray, key: np.ndarray, value: np.ndarray) -> None:
 
 def candidates(
     sights: Sights, camera: int, person: Int[np.ndarray, " m"], shifts: Int[np.ndarray, " s"]
-) -> list[Correction]:
-    """Turns and lags at which far more boxes of a camera meet people than by chance.
+) -> Float[np.ndarray, "k 8"]:
+    """Errors, turns and lags, at which far more boxes of a camera meet people than by chance.
 
     Pairs of a person and a box of like size vote for the angles between them. Boxes at other times
     tell how many votes chance brings.
@@ -176,7 +167,7 @@ def candidates(
     stack = np.sum([rows[..., j : j + side] for j in range(3)], axis=0)
     # What standing people and chance bring is the same at most lags.
     excess = stack - np.median(stack, axis=0)[None] * (len(shifts) > 4)
-    corrections = []
+    errors = []
     for _ in range(TRIED):
         peak = int(excess.argmax())
         if excess.ravel()[peak] <= 0:
@@ -184,32 +175,33 @@ def candidates(
         top = np.unravel_index(peak, excess.shape)
         azimuth, elevation = ((int(top[i]) - REACH) * CELL for i in (1, 2))
         # A camera that turns to the right by an angle sees everybody that much farther left.
-        corrections.append(Correction(np.array([-elevation, azimuth, 0.0]), float(shifts[top[0]])))
+        errors.append([-elevation, azimuth, 0.0, float(shifts[top[0]]), 0.0, 0.0, 0.0, 0.0])
         near = tuple(slice(max(0, int(i) - 2), int(i) + 3) for i in top[1:])
         excess[(slice(max(0, int(top[0]) - 1), int(top[0]) + 2), *near)] = 0
-    return corrections
+    return np.array(errors).reshape(-1, PARAMETERS)
 
 
 def best(
     sights: Sights,
     camera: int,
     person: Int[np.ndarray, " m"],
-    present: Correction,
-    tried: list[Correction],
-) -> Correction:
-    """The correction with most matches; the present one unless another is clearly better."""
+    present: Float[np.ndarray, "8"],
+    tried: Float[np.ndarray, "k 8"],
+) -> Float[np.ndarray, "8"]:
+    """The error of a camera with most matches; the present one unless another is clearly better."""
     frame = sights.boxes.frame[sights.boxes.of_camera(camera)]
     if not len(frame):
         return present
-    state, corrections = sights.people.state[person], [present, *tried]
-    matches = match_boxes(sights, person, state, [(camera, one) for one in corrections])
+    errors = np.vstack([present, tried])
+    cameras = np.full(len(errors), camera)
+    matches = match_boxes(sights, person, sights.people.state[person], cameras, errors)
 
-    def share(one: BoxMatches, correction: Correction) -> float:
+    def share(one: BoxMatches, shift: Int[np.ndarray, "1"]) -> float:
         """Score per person who should be in an image, while the camera was recording."""
-        shown = sights.people.frame[one.expected] + correction.shift
+        shown = sights.people.frame[one.expected] + shift
         return one.score / max(np.count_nonzero((shown >= frame[0]) & (shown <= frame[-1])), 1)
 
-    present_share, *shares = map(share, matches, corrections)
+    present_share, *shares = map(share, matches, whole_steps(errors))
     least = max(BETTER * matches[0].score, matches[0].score + FEWEST)
     better = [
         (other.score, -index)

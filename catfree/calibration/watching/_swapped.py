@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from catfree.calibration.watching._matching import NO_ERROR, match_boxes
+from catfree.calibration.watching._matching import PARAMETERS, match_boxes
 from catfree.calibration.watching._sights import Sights, with_cameras
 
 SHARE = 0.5  # of what the best camera matches: the wrong place reaches less, the right one more
@@ -34,8 +34,8 @@ def swapped_cameras(sights: Sights, matched: Float[np.ndarray, " cam"]) -> dict[
         home = np.arange(len(sights.place))
         home[suspects] = np.roll(suspects, -turn)
         tried = with_cameras(sights, home[sights.detections.camera])
-        places = [(int(home[camera]), NO_ERROR) for camera in suspects]
-        for i, one in enumerate(match_boxes(tried, person, people.state[person], places)):
+        right, state = np.zeros((count, PARAMETERS)), people.state[person]
+        for i, one in enumerate(match_boxes(tried, person, state, home[suspects], right)):
             if len(one.expected) >= FEWEST_EXPECTED:
                 share[i, (i + turn) % count] = len(one.person) / len(one.expected)
     rows, columns = linear_sum_assignment(-share)

@@ -7,9 +7,17 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.watching._agreement import PARAMETERS, solve_window
+from catfree.calibration.watching._agreement import solve_window
 from catfree.calibration.watching._changes import KINDS, Course, fit_course
-from catfree.calibration.watching._matching import GATE, SPREAD, Correction, best, match_boxes
+from catfree.calibration.watching._matching import (
+    GATE,
+    LAG,
+    PARAMETERS,
+    SPREAD,
+    TURN,
+    best,
+    match_boxes,
+)
 from catfree.calibration.watching._sights import Sights
 from catfree.calibration.watching._windows import Watched
 from catfree.types._annotations import Progress, no_progress
@@ -55,7 +63,7 @@ def follow_changes(
 
 def _matched_again(watched: Watched, course: Course, report: Progress) -> Watched:
     """Match everybody with the errors of a course; divide windows within which one changed."""
-    sights, windows, corrections = watched.sights, [], []
+    sights, windows, errors = watched.sights, [], []
     frames = [time_of_change(watched, course, i)[0] for i in range(len(course.changes))]
     cuts = sorted({-(-(frame - sights.first) // sights.step) for frame in frames})
     for index, window in enumerate(watched.windows):
@@ -63,31 +71,27 @@ def _matched_again(watched: Watched, course: Course, report: Progress) -> Watche
         inside = [cut for cut in cuts if window.begin < cut < window.stop]
         for begin, stop in pairwise([window.begin, *inside, window.stop]):
             start = _start(watched, course, index, begin, stop)
-            solved, window_corrections = solve_window(sights, begin, stop, start, watched.noise)
+            solved, window_errors = solve_window(sights, begin, stop, start, watched.noise)
             windows.append(solved)
-            corrections.append(tuple(window_corrections))
+            errors.append(window_errors)
     report("changes", len(watched.windows), len(watched.windows))
-    return replace(watched, windows=tuple(windows), corrections=tuple(corrections))
+    return replace(watched, windows=tuple(windows), errors=np.array(errors))
 
 
-def _start(watched: Watched, course: Course, index: int, begin: int, stop: int) -> list[Correction]:
+def _start(
+    watched: Watched, course: Course, index: int, begin: int, stop: int
+) -> Float[np.ndarray, "cam 8"]:
     """Errors that a course predicts for a window or a part of it.
 
     A change is believed if far more boxes meet people than without any.
     """
     nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(watched.windows)]
-    start = _corrections(course.at(index, changed=False)[0])
-    tried = [_corrections(course.at(window)[0]) for window in nearby]
+    start = course.at(index, changed=False)[0].reshape(-1, PARAMETERS)
+    tried = np.array([course.at(window)[0] for window in nearby]).reshape(-1, *start.shape)
     for camera in {change.camera for change in course.changes}:
         others = watched.sights.seen_by_others(camera, begin, stop)
-        changed = [candidate[camera] for candidate in tried]
-        start[camera] = best(watched.sights, camera, others, start[camera], changed)
+        start[camera] = best(watched.sights, camera, others, start[camera], tried[:, camera])
     return start
-
-
-def _corrections(errors: Float[np.ndarray, " p"]) -> list[Correction]:
-    each = errors.reshape(-1, PARAMETERS)
-    return [Correction(one[:3], float(one[3]), one[4:7], float(one[7])) for one in each]
 
 
 def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, float]:
@@ -124,10 +128,11 @@ def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, f
 
 
 def _costs(
-    sights: Sights, camera: int, person: Int[np.ndarray, " m"], at: Correction
+    sights: Sights, camera: int, person: Int[np.ndarray, " m"], error: Float[np.ndarray, "8"]
 ) -> Float[np.ndarray, " m"]:
     """Squared distance of each person from the nearest box, in deviations."""
-    (matches,) = match_boxes(sights, person, sights.people.state[person], [(camera, at)])
+    state = sights.people.state[person]
+    (matches,) = match_boxes(sights, person, state, np.array([camera]), error[None])
     boxes = sights.boxes
     deviation = SHARPER * SPREAD * boxes.size[matches.box, None]
     off = np.where(
@@ -138,9 +143,10 @@ def _costs(
     return cost
 
 
-def _usual(watched: Watched, camera: int, reference: int, windows: range) -> Correction:
+def _usual(watched: Watched, camera: int, reference: int, windows: range) -> Float[np.ndarray, "8"]:
     """The middle error of a camera in some windows, each found from that window alone."""
-    corrections = [watched.corrections[window] for window in windows]
-    turn = np.median([one[camera].turn for one in corrections], axis=0)
-    lag = float(np.median([one[camera].lag - one[reference].lag for one in corrections]))
-    return corrections[0][camera]._replace(turn=turn, lag=lag)
+    errors = watched.errors[windows]
+    usual = errors[0, camera].copy()
+    usual[TURN] = np.median(errors[:, camera, TURN], axis=0)
+    usual[LAG] = np.median(errors[:, camera, LAG] - errors[:, reference, LAG])
+    return usual

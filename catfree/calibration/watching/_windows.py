@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.calibration.watching._agreement import Window, solve_window
-from catfree.calibration.watching._matching import CELL, NO_ERROR, Correction, best
+from catfree.calibration.watching._matching import CELL, LAG, PARAMETERS, TURN, best
 from catfree.calibration.watching._sights import Sights, sights
 from catfree.errors import InsufficientDataError
 from catfree.methods import localize
@@ -33,14 +33,14 @@ class Watched:
     Attributes:
         sights: the recording.
         windows: in order.
-        corrections: (W, C) error of each camera in each window, from the boxes of that window.
+        errors: (W, C, 8) of each camera in each window, from the boxes of that window.
         seconds: length of a window.
         noise: of the edges of a box, as a share of its height.
     """
 
     sights: Sights
     windows: tuple[Window, ...]
-    corrections: tuple[tuple[Correction, ...], ...]
+    errors: Float[np.ndarray, "window cam 8"]
     seconds: float
     noise: Float[np.ndarray, "3"]
 
@@ -102,41 +102,34 @@ def watch_windows(
     begins = _begins(recording, steps, since)
     reach = min(maximum_offset // recording.step, recording.steps // 3)
     shifts = np.array(sorted(range(-reach, reach + 1), key=abs))
-    cameras = scene.rig.camera_count
-    present: Sequence[Correction] = [NO_ERROR] * cameras
+    present = np.zeros((scene.rig.camera_count, PARAMETERS))
     noise = np.array(settings.evidence.edge_noise)
-    windows, corrections = [], []
+    windows, errors = [], np.zeros((len(begins), *present.shape))
     for index, (begin, stop) in enumerate(begins):
         report("windows", index, len(begins))
         window, present = solve_window(recording, begin, stop, present, noise, shifts)
         windows.append(window)
-        corrections.append(tuple(present))
+        errors[index] = present
     known = np.flatnonzero(scene.rig.registered).tolist()
     for _ in range(SWEEPS):
-        corrections = [_relative(one, known) for one in corrections]
-        again = _likelier_starts(recording, windows, corrections, known)
+        # Lags count from the middle camera.
+        errors[..., LAG] -= np.median(errors[:, known, LAG], axis=1, keepdims=True)
+        again = _likelier_starts(recording, windows, errors, known)
         for index, start in again.items():
             begin, stop = windows[index].begin, windows[index].stop
-            windows[index], present = solve_window(recording, begin, stop, start, noise)
-            corrections[index] = tuple(present)
+            windows[index], errors[index] = solve_window(recording, begin, stop, start, noise)
         if not again:
             break
     report("windows", len(begins), len(begins))
-    return Watched(recording, tuple(windows), tuple(corrections), steps / rate, noise)
-
-
-def _relative(corrections: Sequence[Correction], cameras: Sequence[int]) -> tuple[Correction, ...]:
-    """The same errors with lags that count from the middle camera."""
-    middle = float(np.median([corrections[camera].lag for camera in cameras]))
-    return tuple(one._replace(lag=one.lag - middle) for one in corrections)
+    return Watched(recording, tuple(windows), errors, steps / rate, noise)
 
 
 def _likelier_starts(
     recording: Sights,
     windows: Sequence[Window],
-    corrections: Sequence[Sequence[Correction]],
+    errors: Float[np.ndarray, "window cam 8"],
     cameras: Sequence[int],
-) -> dict[int, list[Correction]]:
+) -> dict[int, Float[np.ndarray, "cam 8"]]:
     """The windows that should be solved again, and from which errors of all cameras.
 
     Few people who walk straight fit several turns and lags. Those of a window are believed if far
@@ -144,11 +137,11 @@ def _likelier_starts(
     neighboring windows say.
     """
     starts = {}
-    for index, usual in enumerate(_usual(windows, corrections, cameras)):
-        window, start = windows[index], list(corrections[index])
+    for index, usual in enumerate(_usual(windows, errors, cameras)):
+        window, start = windows[index], errors[index].copy()
         nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(windows)]
         for camera in np.flatnonzero(window.boxes).tolist():
-            tried = [corrections[at][camera] for at in nearby]
+            tried = errors[nearby, camera]
             if all(_is_near(start[camera], one) for one in (usual[camera], *tried)):
                 continue
             others = recording.seen_by_others(camera, window.begin, window.stop)
@@ -159,30 +152,29 @@ def _likelier_starts(
     return starts
 
 
-def _is_near(one: Correction, other: Correction) -> bool:
-    """Return whether a window solved from one would end up at the other."""
-    turn = np.linalg.norm(one.turn - other.turn)
-    return abs(one.lag - other.lag) <= 1 and bool(turn <= CELL)
+def _is_near(one: Float[np.ndarray, "8"], other: Float[np.ndarray, "8"]) -> bool:
+    """Return whether a window solved from one error would end up at the other."""
+    off = one - other
+    return bool(np.abs(off[LAG]) <= 1) and bool(np.linalg.norm(off[TURN]) <= CELL)
 
 
 def _usual(
-    windows: Sequence[Window], corrections: Sequence[Sequence[Correction]], cameras: Sequence[int]
-) -> list[list[Correction]]:
+    windows: Sequence[Window], errors: Float[np.ndarray, "window cam 8"], cameras: Sequence[int]
+) -> Float[np.ndarray, "window cam 8"]:
     """The errors of all cameras in each window that most windows suggest.
 
     The middle turn of each camera, and the line through the middle of its lags (Theil and Sen).
     """
     time = np.array([(w.begin + w.stop) / 2 for w in windows])
-    usual = [list(row) for row in corrections]
+    usual = errors.copy()
     for camera in cameras:
         matched_windows = [i for i, w in enumerate(windows) if w.matched[camera] > 0]
         if len(matched_windows) < FEWEST_TO_COMPARE:
             continue
-        turn = np.median([corrections[w][camera].turn for w in matched_windows], axis=0)
-        lag = np.array([corrections[w][camera].lag for w in matched_windows], np.float64)
-        slope, at_zero = _middle_line(time[matched_windows], lag)
-        for window in range(len(windows)):
-            usual[window][camera] = Correction(turn, float(at_zero + slope * time[window]))
+        mine = errors[matched_windows, camera]
+        slope, at_zero = _middle_line(time[matched_windows], mine[:, LAG.start])
+        usual[:, camera, TURN] = np.median(mine[:, TURN], axis=0)
+        usual[:, camera, LAG.start] = at_zero + slope * time
     return usual
 
 

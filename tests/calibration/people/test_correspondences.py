@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people._correspondences import adjust_groups
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
-from catfree.calibration.people.adjustment._people_bundle import weak_prior
+from catfree.calibration.people.adjustment._people_bundle import BoxMeasurements, weak_prior
 from catfree.settings import CalibrationSettings
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
@@ -36,7 +35,6 @@ def adjusted(measurements: BoxMeasurements, parameters: np.ndarray) -> np.ndarra
     found = adjust_groups(
         measurements,
         parameters,
-        SETTINGS.foot_offset,
         weak_prior(measurements.camera, parameters, parameters[:, 0], SETTINGS),
         SETTINGS,
         focal_spread=np.inf,

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
-from catfree.calibration.people.adjustment._people_bundle import adjust_people_bundle, weak_prior
+from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
+    adjust_people_bundle,
+    weak_prior,
+)
 from catfree.calibration.people.adjustment._resection import MatchedPeople, fit_cameras
 from catfree.calibration.people.cameras._camera_model import (
     from_matrices,
@@ -20,6 +23,7 @@ from catfree.settings import CalibrationSettings
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
 SETTINGS = CalibrationSettings()
+NEAR_FEET = CalibrationSettings(foot_offset=0.12)
 
 
 def floats(low, high):
@@ -65,7 +69,7 @@ def test_ground_map_returns_where_a_person_of_usual_height_stands(camera, distan
     xy = in_front(camera, distance, side)
     box = one_box(camera, xy, SETTINGS.person_height, 0.12)
     one = box[None, None], np.array([[4.0]]), np.array([[True]])
-    found = map_ground(camera, *one, SETTINGS, foot_offset=0.12, range_tolerance=0.02)
+    found = map_ground(camera, *one, NEAR_FEET, range_tolerance=0.02)
     assert found.valid.all()
     # The lean of the body axis is corrected to first order.
     assert np.linalg.norm(found.xy[0, 0] - xy) < 0.02 * distance
@@ -80,7 +84,7 @@ def test_hidden_feet_do_not_move_a_person():
     box = one_box(camera, xy, 1.7, 0.12)
     box[2] -= 0.4 * (box[2] - box[1])  # a table in front of the legs
     one = box[None, None], np.array([[6.0]]), np.array([[True]])
-    found = map_ground(camera, *one, SETTINGS, foot_offset=0.12, range_tolerance=0.02)
+    found = map_ground(camera, *one, NEAR_FEET, range_tolerance=0.02)
     assert np.linalg.norm(found.xy[0, 0] - xy) < 0.6
     foot_only = 4.0 / np.tan(0.35 + np.arctan(box[2] / 1200.0)) + 0.12
     assert foot_only - 9.0 > 1.5
@@ -159,7 +163,6 @@ def test_bundle_adjustment_recovers_a_disturbed_rig():
         data,
         start,
         np.column_stack([xy + rng.normal(0, 0.2, xy.shape), np.full(len(xy), 1.7)]),
-        SETTINGS.foot_offset,
         weak_prior(data.camera, start, np.full(3, 7.0), SETTINGS),
         SETTINGS,
         focal_spread=np.inf,
@@ -193,7 +196,6 @@ def test_resection_is_exact_on_exact_people_alone_or_with_other_fits():
             [starts[at] for at in chosen],
             [matches[at] for at in chosen],
             SETTINGS,
-            foot_offset=SETTINGS.foot_offset,
             log_focal=(float(RIG[1, 0]), 0.5),
             iterations=40,
         )

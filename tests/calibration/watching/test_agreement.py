@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.calibration.watching._agreement import PARAMETERS, _Equations, solve_window
-from catfree.calibration.watching._matching import Correction, best, corrected_place, match_boxes
+from catfree.calibration.watching._agreement import _Equations, solve_window
+from catfree.calibration.watching._matching import (
+    PARAMETERS,
+    TURN,
+    best,
+    corrected_place,
+    match_boxes,
+)
 from catfree.calibration.watching._sights import sights
 from catfree.methods import localize
 from catfree.synthetic import make_world
@@ -24,22 +30,24 @@ def seen():
     return sights(world.true_scene, world.detections, tracks)
 
 
+def error_of(turn=(0.0, 0.0, 0.0), lag=0.0, center=(0.0, 0.0, 0.0), zoom=0.0):
+    return np.array([*turn, lag, *center, zoom])
+
+
 def test_errors_stay_where_nobody_tells_of_them(seen):
-    start = [Correction(np.array([0.1, -0.2, 0.3]) * c, 5.0 * c) for c in range(4)]
+    start = np.arange(4)[:, None] * error_of((0.1, -0.2, 0.3), 5.0)
     window, found = solve_window(seen, 7, 7, start, NOISE)
-    for one, other in zip(found, start, strict=True):
-        np.testing.assert_allclose(one.turn, other.turn, atol=1e-12)
-        assert one.lag == pytest.approx(other.lag)
+    np.testing.assert_allclose(found, start, atol=1e-12)
     assert window.matrix.shape == (0, 4 * PARAMETERS, 4 * PARAMETERS)
     assert not window.boxes.any()
 
 
 def test_a_window_tells_of_a_turn_that_it_starts_without(seen):
     turn = np.deg2rad([0.3, 0.8, 0.0])
-    wrong = Correction(turn, 0.0)
-    still = [Correction(np.zeros(3), 0.0)] * 4
-    _, found = solve_window(seen, 0, 20, [still[0], wrong, *still[2:]], NOISE)
-    off = [np.linalg.norm(one.turn - found[0].turn) for one in found]
+    wrong = np.zeros((4, PARAMETERS))
+    wrong[1, TURN] = turn
+    _, found = solve_window(seen, 0, 20, wrong, NOISE)
+    off = [np.linalg.norm(one[TURN] - found[0, TURN]) for one in found]
     assert max(off) < 0.5 * np.linalg.norm(turn)
 
 
@@ -78,16 +86,19 @@ def test_what_some_people_say_is_the_elimination_of_their_places(people, cameras
 
 def test_the_center_and_the_zoom_of_a_camera_move_its_map(seen):
     point = np.array([1.0, -0.5, 0.4, 1.0])
-    at = Correction(np.zeros(3), 0.0, np.array([0.2, -0.1, 0.3]), 0.05)
-    moved = point - [*(seen.unit * at.center), 0.0]
+    center = np.array([0.2, -0.1, 0.3])
+    error = error_of(center=center, zoom=0.05)
+    moved = point - [*(seen.unit * center), 0.0]
     expected = (seen.place[1] @ moved) * [1.0, 1.0, np.exp(-0.05)]
-    np.testing.assert_allclose(corrected_place(seen, 1, at) @ point, expected, rtol=1e-12)
+    (found,) = corrected_place(seen, np.array([1]), error[None])
+    np.testing.assert_allclose(found @ point, expected, rtol=1e-12)
 
 
 def test_nobody_is_expected_outside_the_recording(seen):
     person = np.arange(len(seen.people.frame))
     for lag in (0.0, 15.0, -15.0, 40.0):
-        (found,) = match_boxes(seen, person, seen.people.state, [(1, Correction(np.zeros(3), lag))])
+        error = error_of(lag=lag)[None]
+        (found,) = match_boxes(seen, person, seen.people.state, np.array([1]), error)
         shown = seen.people.frame[found.expected] + lag
         assert ((shown >= 0) & (shown < seen.steps)).all()
         assert found.score <= len(found.expected)
@@ -100,19 +111,19 @@ def test_a_camera_that_began_later_is_not_late():
     boxes = boxes[(boxes.camera != 1) | (boxes.frame >= 8)]
     recording = sights(world.true_scene, boxes, localize(boxes, world.true_scene).tracks)
     others = recording.seen_by_others(1, 0, 10)
-    right, late = (Correction(np.zeros(3), lag) for lag in (0.0, 7.0))
-    assert best(recording, 1, others, right, [late]) is right
+    right, late = error_of(), error_of(lag=7.0)
+    np.testing.assert_array_equal(best(recording, 1, others, right, late[None]), right)
 
 
 def test_cameras_matched_together_match_as_alone(seen):
     person = np.arange(0, len(seen.people.frame), 3)
     state = seen.people.state[person]
-    turned = Correction(np.array([0.0, 0.05, 0.0]), 2.3)
-    errors = [(2, turned), (0, Correction(np.zeros(3), 0.0)), (2, Correction(np.zeros(3), -1.0))]
-    together = match_boxes(seen, person, state, errors)
+    camera = np.array([2, 0, 2])
+    error = np.array([error_of((0.0, 0.05, 0.0), 2.3), error_of(), error_of(lag=-1.0)])
+    together = match_boxes(seen, person, state, camera, error)
     assert any(len(found.person) for found in together)
-    for found, error in zip(together, errors, strict=True):
-        (alone,) = match_boxes(seen, person, state, [error])
+    for at, found in enumerate(together):
+        (alone,) = match_boxes(seen, person, state, camera[at : at + 1], error[at : at + 1])
         for one, other in zip(found, alone, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-9)
-    assert match_boxes(seen, person, state, []) == []
+    assert match_boxes(seen, person, state, camera[:0], error[:0]) == []

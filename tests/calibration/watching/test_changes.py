@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from catfree.calibration.watching._agreement import Window
-from catfree.calibration.watching._changes import LAG, TURN, fit_course, lost_since
+from catfree.calibration.watching._changes import fit_course, lost_since
+from catfree.calibration.watching._matching import LAG, TURN
 
 CAMERAS, WINDOWS = 3, 20
 

@@ -1,18 +1,19 @@
 """Alternate grouping and bundle adjustment as the maps of the cameras become more accurate."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
 from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
     BundleResult,
     adjust_people_bundle,
     weak_prior,
 )
 from catfree.calibration.people.matching._group_people import People, RigState, group_people
+from catfree.calibration.people.matching._verdict import PlacementVerdict
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
@@ -24,15 +25,33 @@ RANGE_ERRORS = (0.08, 0.05, 0.03, 0.02, 0.01)
 
 @dataclass(frozen=True)
 class AdjustedRig:
-    """A rig after bundle adjustment.
+    """A rig after bundle adjustment, and how well its cameras agree.
 
     Attributes:
         state: the rig.
         bundle: the last adjustment.
+        verdicts: of the cameras that were judged since.
     """
 
     state: RigState
     bundle: BundleResult
+    verdicts: dict[int, PlacementVerdict] = field(default_factory=dict)
+
+    @property
+    def quality(self) -> tuple[int, float]:
+        """Number of placed cameras, and the sum of their evidence above chance."""
+        margins = sum((verdict.margin for verdict in self.verdicts.values()), 0.0)
+        return int(self.state.placed.sum()), margins
+
+    @property
+    def accepted(self) -> int:
+        """Number of cameras that can be trusted."""
+        return sum(verdict.accepted for verdict in self.verdicts.values())
+
+    @property
+    def evidence(self) -> float:
+        """Sum of the evidence above chance of all cameras that can be trusted."""
+        return sum(v.margin for v in self.verdicts.values() if v.accepted)
 
 
 def measure_people(
@@ -99,7 +118,6 @@ def alternate(
             data,
             state.parameters,
             start,
-            state.foot_offset,
             weak_prior(data.camera, state.parameters, middle, settings),
             settings,
             focal_spread=settings.shared_focal_sd if state.shared_focal else np.inf,

@@ -14,11 +14,11 @@ import numpy as np
 import scipy  # its linear algebra, which takes long to import, where it is used
 from jaxtyping import Array, Float, Int
 
+from catfree.calibration.people._radial_lens import ideal_pixels
 from catfree.calibration.people.adjustment._anchors import (
     Anchor,
     KnownCamera,
     KnownDistance,
-    Pixel,
     SurveyedPoint,
 )
 from catfree.calibration.people.cameras._camera_model import (
@@ -32,7 +32,6 @@ from catfree.calibration.people.cameras._camera_model import (
     projection,
 )
 from catfree.geometry._buckets import padded
-from catfree.methods.evidence.observe._boxes import undistorted_pixels
 from catfree.types import GeoReference, Rig
 
 QUANTITIES = ("distance", "height", "focal length", "position", "rotation", "point")
@@ -48,7 +47,8 @@ class Measurement(NamedTuple):
         anchor: index of the anchor.
         kind: index into `QUANTITIES`; distances, heights and focal lengths are logarithms.
         camera: index of the camera.
-        pixels: (2, 2) in pixels from the image center of an ideal camera, 0 if there are none.
+        pixels: (2, 2) in pixels from the image center of an ideal camera; arbitrary if the quantity
+            has none.
         value: (d,) what is stated.
         sd: (d,) its standard deviations.
         pixel_sd: standard deviation of each pixel coordinate.
@@ -97,11 +97,11 @@ def measurements_of(
     for at, (anchor, camera) in enumerate(zip(anchors, cameras, strict=True)):
         pixels, pixel_sd = np.zeros((2, 2)), 0.0
         if isinstance(anchor, KnownDistance):
-            pixels = _ideal_pixels(anchor.pixels, camera, rig)
+            pixels = np.array(anchor.pixels, np.float64)
             pixel_sd = anchor.pixel_sd
             stated = [(DISTANCE, np.log(anchor.meters), anchor.sd / anchor.meters)]
         elif isinstance(anchor, SurveyedPoint):
-            pixels = _ideal_pixels((anchor.pixel, anchor.pixel), camera, rig)
+            pixels = np.array([anchor.pixel] * 2, np.float64)
             pixel_sd = anchor.pixel_sd
             stated = [(POINT, _position(anchor, earth), anchor.sd)]
         else:
@@ -116,21 +116,12 @@ def measurements_of(
                 R = np.array([anchor.rotation], np.float64)
                 angles = from_matrices(np.eye(3)[None], R, np.zeros((1, 3)))[0, TILT : PAN + 1]
                 stated.append((ROTATION, angles, np.deg2rad(anchor.rotation_sd)))
+        pixels = ideal_pixels(rig, np.full(2, camera), pixels)
         for kind, value, sd in stated:
             values = np.atleast_1d(np.asarray(value, np.float64))
             sds = np.full(values.shape, sd, np.float64)
             measurements.append(Measurement(at, kind, camera, pixels, values, sds, pixel_sd))
     return measurements
-
-
-def _ideal_pixels(pixels: tuple[Pixel, Pixel], camera: int, rig: Rig) -> Float[np.ndarray, "2 2"]:
-    """Pixels of an ideal camera, from the image center; 0 if the camera is not registered."""
-    if not rig.registered[camera]:
-        return np.zeros((2, 2))
-    K = np.asarray(rig.K, np.float64)[camera]
-    ideal = undistorted_pixels(rig, np.full(2, camera), np.array(pixels, np.float64))
-    plane = np.linalg.solve(K, np.column_stack([ideal, np.ones(2)]).T)
-    return K[0, 0] * plane[:2].T
 
 
 def _position(anchor: KnownCamera | SurveyedPoint, earth: GeoReference | None) -> Any:

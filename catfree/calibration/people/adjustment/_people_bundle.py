@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from catfree.calibration.people._radial_lens import lens
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.cameras._camera_model import (
     K1,
     LOG_FOCAL,
@@ -50,6 +49,36 @@ CAMERA_HEIGHTS = (0.3, 80.0)  # meters
 # or of as many people as are used at most. Cameras are padded to a multiple of theirs.
 PEOPLE_BLOCK = 1360
 CAMERA_BLOCK = 2
+
+
+@dataclass(frozen=True)
+class BoxMeasurements:
+    """Boxes of people seen by several cameras, sorted by person.
+
+    Attributes:
+        person: (n,) index of the person, ascending, without gaps.
+        camera: (n,) index of the camera.
+        box: (n, 3) center, top row, bottom row in pixels from the image center.
+        sd: (n, 3) standard deviations in pixels.
+    """
+
+    person: Int[np.ndarray, " n"]
+    camera: Int[np.ndarray, " n"]
+    box: Float[np.ndarray, "n 3"]
+    sd: Float[np.ndarray, "n 3"]
+
+
+@dataclass(frozen=True)
+class KnownCameras:
+    """Gaussian prior on the cameras, which also fixes the gauge.
+
+    Attributes:
+        parameters: (C, 7) its mean.
+        precision: (C, 7) inverse variances; 0 is uninformative.
+    """
+
+    parameters: Float[np.ndarray, "cam 7"]
+    precision: Float[np.ndarray, "cam 7"]
 
 
 @dataclass(frozen=True)
@@ -201,7 +230,6 @@ def adjust_people_bundle(
     measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
     people: Float[np.ndarray, "person 3"],
-    foot_offset: float,
     known: KnownCameras,
     settings: CalibrationSettings,
     *,
@@ -215,7 +243,6 @@ def adjust_people_bundle(
         measurements: the boxes.
         parameters: (C, 7) initial cameras.
         people: (P, 3) initial ground positions and heights in meters.
-        foot_offset: foot offset in meters.
         known: prior on the cameras, such as `weak_prior`.
         settings: constants.
         focal_spread: standard deviation of log focal lengths from their mean; infinity if they
@@ -237,7 +264,7 @@ def adjust_people_bundle(
             np.asarray,
             _solve(
                 Unknowns(padded(shown, C), padded(people, P)),
-                jnp.asarray(foot_offset),
+                jnp.asarray(settings.foot_offset),
                 jnp.asarray(settings.foot_offset_sd),
                 _Boxes(
                     box=padded(boxes, C, P),

@@ -62,7 +62,6 @@ def resect(
     people: GroundMap,
     settings: CalibrationSettings,
     *,
-    foot_offset: float,
     log_focal: tuple[float, float],
 ) -> list[Float[np.ndarray, "7"] | None]:
     """Refine placements of one camera against a fixed map of people, all together.
@@ -72,7 +71,6 @@ def resect(
         placements: all boxes and (7,) initial parameters in world coordinates, of each placement.
         people: map of the other cameras, same frames.
         settings: constants.
-        foot_offset: meters by which the visible foot is closer to the camera.
         log_focal: mean and standard deviation of the prior on log focal length.
 
     Returns:
@@ -87,7 +85,6 @@ def resect(
                 parameters,
                 *grid.of_camera(camera),
                 settings,
-                foot_offset=foot_offset,
                 range_tolerance=tolerance,
             )
             matched = _match(grid, camera, own_map, people, settings.match_gate)
@@ -97,7 +94,6 @@ def resect(
             [refined[at] for at in matches],
             list(matches.values()),
             settings,
-            foot_offset=foot_offset,
             log_focal=log_focal,
         )
         refined = {
@@ -128,7 +124,6 @@ def fit_cameras(
     matches: Sequence[MatchedPeople],
     settings: CalibrationSettings,
     *,
-    foot_offset: float,
     log_focal: tuple[float, float],
     iterations: int = 8,
 ) -> Float[np.ndarray, "fit 7"]:
@@ -138,7 +133,6 @@ def fit_cameras(
         starts: (7,) initial parameters of each fit.
         matches: boxes and people of each fit.
         settings: constants.
-        foot_offset: meters by which the visible foot is closer to the camera.
         log_focal: mean and standard deviation of the prior on log focal length.
         iterations: maximum number of steps.
 
@@ -168,7 +162,7 @@ def fit_cameras(
                 stacked([1 / one.sd**2 for one in matches]),
                 stacked([one.covariance for one in matches]),
             ),
-            jnp.asarray(foot_offset),
+            jnp.asarray(settings.foot_offset),
             jnp.asarray(mean),
             jnp.asarray(precision),
             jnp.asarray(iterations, jnp.int32),

@@ -52,8 +52,9 @@ def to_matrices(
 
 
 def of_rig(rig: Rig) -> Float[np.ndarray, "cam 7"]:
-    """Parameters (C, 7) of the cameras of a rig over the ground z = 0; NaN where they hold NaN."""
-    return from_matrices(*(np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.t)))
+    """Parameters (C, 7) of the registered cameras of a rig over the ground z = 0; NaN of others."""
+    parameters = from_matrices(*(np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.t)))
+    return np.where(rig.registered[:, None], parameters, np.nan)
 
 
 def from_matrices(

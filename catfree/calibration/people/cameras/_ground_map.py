@@ -65,7 +65,6 @@ def map_ground(
     valid: Bool[np.ndarray, "frame slot"],
     settings: CalibrationSettings,
     *,
-    foot_offset: float,
     range_tolerance: float,
 ) -> GroundMap:
     """Locate the people of one camera from their feet and heads.
@@ -79,7 +78,6 @@ def map_ground(
         sd: (T, N) standard deviations of the edges in pixels.
         valid: (T, N) which slots hold a box.
         settings: constants.
-        foot_offset: meters by which the visible foot is closer to the camera.
         range_tolerance: fraction of the range by which this camera's map may be wrong.
 
     Returns:
@@ -102,7 +100,7 @@ def map_ground(
     foot_range, heading = _ground_range(parameters, R, u + lean, bottom, 0.0)
     foot_next, _ = _ground_range(parameters, R, u + lean, bottom + 1.0, 0.0)
     foot_range_sd = np.abs(foot_next - foot_range) * sd + 0.03
-    foot_range = foot_range + foot_offset
+    foot_range = foot_range + settings.foot_offset
     head_range, _ = _ground_range(parameters, R, u - lean, top, mean_height)
     head_next, _ = _ground_range(parameters, R, u - lean, top + 1.0, mean_height)
     taller, _ = _ground_range(parameters, R, u - lean, top, mean_height + settings.person_height_sd)
@@ -156,7 +154,7 @@ def visible(
     smallest: float,
     xy: Float[np.ndarray, "*n 2"],
     height: Float[np.ndarray, "*n"],
-    foot_offset: float,
+    settings: CalibrationSettings,
 ) -> Bool[np.ndarray, "*n"]:
     """Mark the people wholly inside a camera's image and large enough to be detected.
 
@@ -166,13 +164,15 @@ def visible(
         smallest: box height in pixels below which the camera hardly detects people.
         xy: (..., 2) ground positions in meters.
         height: (...) person heights in meters.
-        foot_offset: meters by which the visible foot is closer to the camera.
+        settings: constants.
 
     Returns:
         (...) bool.
     """
     person = np.concatenate([xy, height[..., None]], -1)
-    head, foot, depth = box_ends(projection(parameters), parameters[X:Z], person, foot_offset)
+    head, foot, depth = box_ends(
+        projection(parameters), parameters[X:Z], person, settings.foot_offset
+    )
     box = edges_of(head, foot)
     limit = (size - 1) / 2 - 0.01 * size
     half_width = ASPECT / 2 * (box[..., 2] - box[..., 1])

@@ -18,13 +18,11 @@ class RigState:
 
     Attributes:
         parameters: (C, 7) cameras; NaN where not placed.
-        foot_offset: meters.
         range_tolerance: (C,) fraction of the range by which each camera's map may be wrong.
         shared_focal: whether all cameras have one focal length.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
-    foot_offset: float
     range_tolerance: Float[np.ndarray, " cam"]
     shared_focal: bool
 
@@ -80,7 +78,6 @@ def camera_map(
         state.parameters[camera],
         *grid.of_camera(camera),
         settings,
-        foot_offset=state.foot_offset,
         range_tolerance=state.range_tolerance[camera],
     )
 
@@ -161,6 +158,7 @@ def seen_by_any(
     cameras: Int[np.ndarray, " chosen"],
     people: GroundMap,
     smallest: Float[np.ndarray, " cam"],
+    settings: CalibrationSettings,
 ) -> Bool[np.ndarray, "frame person"]:
     """Mark the people whom any of some placed cameras should see.
 
@@ -170,6 +168,7 @@ def seen_by_any(
         cameras: (k,) indices of the cameras, at least one.
         people: (T, N) map of people.
         smallest: (C,) box height in pixels below which a camera hardly detects people.
+        settings: constants.
 
     Returns:
         (T, N) bool; it means nothing where the map holds nobody.
@@ -182,7 +181,7 @@ def seen_by_any(
                 float(smallest[camera]),
                 people.xy,
                 people.height,
-                state.foot_offset,
+                settings,
             )
             for camera in cameras
         ],

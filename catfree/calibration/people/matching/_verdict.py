@@ -7,7 +7,6 @@ boxes are shifted in time. A correct camera matches more people at the true time
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._ground_map import GroundMap
@@ -46,46 +45,6 @@ class PlacementVerdict:
         return not self.shortcomings
 
 
-def judge_with_chance(
-    candidate: GroundMap,
-    others: GroundMap,
-    others_expected: Bool[np.ndarray, "frame partner"],
-    candidate_expected: Bool[np.ndarray, "frame slot"],
-    settings: CalibrationSettings,
-    shifts: tuple[float, ...],
-) -> tuple[Judgment, float]:
-    """Judge a camera at the true time and at circularly shifted times.
-
-    Args:
-        candidate: (T, N) the camera's map in world coordinates.
-        others: (T, M) the map of the other cameras, same frames.
-        others_expected: (T, M) whether the camera should see each person of the map.
-        candidate_expected: (T, N) whether any other camera should see each person of the camera.
-        settings: constants.
-        shifts: time shifts for the comparison, as fractions of the sequence.
-
-    Returns:
-        The judgment at the true time, and its evidence minus the highest at shifted times.
-    """
-    density = chance_density(candidate)
-
-    def at_shift(shift: int) -> Judgment:
-        return judge_candidate(
-            candidate.rolled(shift),
-            others,
-            density,
-            others_expected,
-            np.roll(candidate_expected, shift, axis=0),
-            settings,
-        )
-
-    judgment = at_shift(0)
-    frames = len(candidate.xy)
-    steps = sorted({round(share * frames) % frames for share in shifts} - {0})
-    chance = max((at_shift(step).evidence for step in steps), default=np.inf)
-    return judgment, judgment.evidence - chance
-
-
 def judge_camera(
     work: Workspace,
     state: RigState,
@@ -93,8 +52,9 @@ def judge_camera(
     *,
     grid: BoxGrid | None = None,
     others: GroundMap | None = None,
+    shifts: tuple[float, ...] | None = None,
 ) -> PlacementVerdict:
-    """Judge a placed camera against the map of the other placed cameras.
+    """Judge a placed camera against the map of the others, at the true and at shifted times.
 
     Args:
         work: the sequence.
@@ -102,6 +62,8 @@ def judge_camera(
         camera: index of the camera.
         grid: frames to judge on; all if None.
         others: the map of the other cameras on these frames; computed if None.
+        shifts: circular shifts of time to compare with, as fractions of the sequence; those of the
+            settings if None.
     """
     settings = work.settings
     grid = work.grid if grid is None else grid
@@ -109,13 +71,27 @@ def judge_camera(
     if others is None:
         others = group_people(grid, rest, settings).ground
     camera_people = camera_map(grid, camera, state, settings)
-    others_expected = seen_by_any(grid, state, np.array([camera]), others, work.smallest)
+    others_expected = seen_by_any(grid, state, np.array([camera]), others, work.smallest, settings)
     own_expected = seen_by_any(
-        grid, rest, np.flatnonzero(rest.placed), camera_people, work.smallest
+        grid, rest, np.flatnonzero(rest.placed), camera_people, work.smallest, settings
     )
-    judgment, margin = judge_with_chance(
-        camera_people, others, others_expected, own_expected, settings, settings.chance_shifts
-    )
+    density = chance_density(camera_people)
+
+    def at_shift(shift: int) -> Judgment:
+        return judge_candidate(
+            camera_people.rolled(shift),
+            others,
+            density,
+            others_expected,
+            np.roll(own_expected, shift, axis=0),
+            settings,
+        )
+
+    judgment = at_shift(0)
+    frames = grid.frame_count
+    shares = settings.chance_shifts if shifts is None else shifts
+    steps = sorted({round(share * frames) % frames for share in shares} - {0})
+    margin = judgment.evidence - max((at_shift(step).evidence for step in steps), default=np.inf)
     return PlacementVerdict(judgment, margin, _shortcomings(judgment, margin, settings))
 
 

@@ -67,6 +67,5 @@ class Workspace:
             parameters,
             *grid.of_camera(camera),
             self.settings,
-            foot_offset=self.settings.foot_offset,
             range_tolerance=self.settings.range_tolerance,
         )

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
-from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS
+from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import vote
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._growth import JudgedRig, judge_refined
+from catfree.calibration.people.search._growth import judge_refined
 from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError
 from catfree.geometry._arrays import ArrayInput
@@ -42,8 +42,8 @@ def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detectio
 
 
 def find_offsets(
-    work: Workspace, registered: JudgedRig, maximum: int, report: Progress
-) -> tuple[Workspace, JudgedRig, Int[np.ndarray, " cam"]]:
+    work: Workspace, registered: AdjustedRig, maximum: int, report: Progress
+) -> tuple[Workspace, AdjustedRig, Int[np.ndarray, " cam"]]:
     """Estimate an integer offset of each camera, correct it, and register again.
 
     Args:
@@ -59,7 +59,7 @@ def find_offsets(
     step = frame_step(grid.frames)
     offset = np.zeros(grid.camera_count, np.int64)
     for done in range(grid.camera_count):
-        state, cameras = registered.rig.state, np.flatnonzero(offset == 0)
+        state, cameras = registered.state, np.flatnonzero(offset == 0)
         # One camera at a time, the clearest first: a wrong clock also distorts the fit of others.
         gains = [
             (_offset_of_placed if state.placed[c] else offset_of_unplaced)(

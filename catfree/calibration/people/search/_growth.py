@@ -1,7 +1,7 @@
 """Grow a rig from a pair: place further cameras, accept them, and remove harmful ones."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -32,49 +32,19 @@ SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are ch
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
 
-@dataclass(frozen=True)
-class JudgedRig:
-    """An adjusted rig, and how well its cameras agree.
-
-    Attributes:
-        rig: the adjusted rig.
-        verdicts: of each placed camera; empty if none was judged yet.
-    """
-
-    rig: AdjustedRig
-    verdicts: dict[int, PlacementVerdict]
-
-    @property
-    def quality(self) -> tuple[int, float]:
-        """Number of placed cameras, and the sum of their evidence above chance."""
-        margins = sum((verdict.margin for verdict in self.verdicts.values()), 0.0)
-        return int(self.rig.state.placed.sum()), margins
-
-    @property
-    def accepted(self) -> int:
-        """Number of cameras that can be trusted."""
-        return sum(verdict.accepted for verdict in self.verdicts.values())
-
-    @property
-    def evidence(self) -> float:
-        """Sum of the evidence above chance of all cameras that can be trusted."""
-        return sum(v.margin for v in self.verdicts.values() if v.accepted)
-
-
-def grow_rig(work: Workspace, seed: AdjustedRig, pairs: list[PairHypothesis]) -> JudgedRig:
+def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> AdjustedRig:
     """Add cameras to a seed as long as their evidence is sufficient.
 
     Args:
         work: the sequence.
-        seed: two cameras.
+        rig: two cameras.
         pairs: all pair hypotheses, for candidates relative to placed cameras.
 
     Returns:
         The rig with the last verdicts.
     """
-    judged = JudgedRig(seed, {})
-    while not judged.rig.state.placed.all():
-        state, candidates = judged.rig.state, {}
+    while not rig.state.placed.all():
+        state, candidates = rig.state, {}
         for camera in np.flatnonzero(~state.placed):
             best = best_candidate(work, state, int(camera), pairs)
             if best is not None:
@@ -86,17 +56,17 @@ def grow_rig(work: Workspace, seed: AdjustedRig, pairs: list[PairHypothesis]) ->
             if verdict.margin >= NEXT * leading:
                 state = state.with_camera(camera, parameters, RANGE_ERRORS[1])
         grown = prune_rig(work, _refined(work, state))
-        if grown.quality[0] <= judged.quality[0]:
+        if grown.quality[0] <= rig.quality[0]:
             break
-        judged = grown
-    return judged
+        rig = grown
+    return rig
 
 
 def _refined(work: Workspace, state: RigState) -> AdjustedRig:
     return alternate(work.grid, state, work.settings, tolerances=RANGE_ERRORS[1:3])
 
 
-def prune_rig(work: Workspace, rig: AdjustedRig) -> JudgedRig:
+def prune_rig(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
     """Remove cameras that the others do not support, worst first.
 
     Args:
@@ -104,17 +74,17 @@ def prune_rig(work: Workspace, rig: AdjustedRig) -> JudgedRig:
         rig: the rig after adjustment.
 
     Returns:
-        The rig of the remaining cameras; at least two remain.
+        The rig of the remaining cameras with their verdicts; at least two remain.
     """
     while True:
         verdicts = judge_cameras(work, rig.state)
         worst = weakest(verdicts)
         if worst is None:
-            return JudgedRig(rig, verdicts)
+            return replace(rig, verdicts=verdicts)
         rig = _refined(work, rig.state.without_camera(worst))
 
 
-def drop_harmful(work: Workspace, judged: JudgedRig) -> JudgedRig:
+def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
     """Remove cameras without which the others agree better.
 
     A camera with a wrong clock can match recurring patterns of the crowd (a path, a queue) better
@@ -122,26 +92,26 @@ def drop_harmful(work: Workspace, judged: JudgedRig) -> JudgedRig:
 
     Args:
         work: the sequence.
-        judged: the rig after adjustment.
+        rig: the rig after adjustment, with the verdicts of all cameras.
 
     Returns:
-        The rig of the remaining cameras.
+        The rig of the remaining cameras, in the same form.
     """
-    while len(judged.verdicts) > 2:
-        verdicts = judged.verdicts
+    while len(rig.verdicts) > 2:
+        verdicts = rig.verdicts
         per_match = {c: v.margin / max(1, v.judgment.matches) for c, v in verdicts.items()}
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):
-            rig = _refined(work, judged.rig.state.without_camera(camera))
-            less = JudgedRig(rig, judge_cameras(work, rig.state))
+            less = _refined(work, rig.state.without_camera(camera))
+            less = replace(less, verdicts=judge_cameras(work, less.state))
             others = sum(v.margin for c, v in verdicts.items() if c != camera)
             if less.quality[1] > HARMFUL_GAIN * others:
-                judged = less
+                rig = less
                 break
         else:
             break
-    return judged
+    return rig
 
 
 def best_candidate(
@@ -222,7 +192,6 @@ def judge_refined(
         placements,
         people,
         work.settings,
-        foot_offset=state.foot_offset,
         log_focal=log_focal,
     )
     judged = []
@@ -270,8 +239,8 @@ def _candidates(
 
 def _compose(state: RigState, pair: PairHypothesis, camera: int) -> Float[np.ndarray, "7"]:
     """Place a camera relative to the placed camera of a pair."""
-    index = pair.cameras.index(camera)
-    relative, anchor = pair.parameters[index], pair.parameters[1 - index]
-    placed = state.parameters[pair.cameras[1 - index]]
+    (other,) = set(pair.cameras) - {camera}
+    relative, anchor = pair.state.parameters[[camera, other]]
+    placed = state.parameters[other]
     angle = placed[PAN] - anchor[PAN]
     return Placement(angle, placed[X:Z] - turn(anchor[X:Z], angle), 0.0).place(relative)

@@ -9,10 +9,10 @@ import numpy as np
 from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig, alternate
 from catfree.calibration.people.adjustment._people_bundle import saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
-from catfree.calibration.people.matching._verdict import PlacementVerdict, judge_camera
+from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._growth import JudgedRig, drop_harmful, grow_rig, prune_rig
-from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair, seed_rig
+from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
+from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
 from catfree.types._processes import processor_count
@@ -22,7 +22,7 @@ FINAL_ITERATIONS = 15
 GOOD_SEED = (0.6, 30)  # minimum association and matches to compare the focal lengths of a pair
 
 
-def register_cameras(work: Workspace, report: Progress) -> JudgedRig:
+def register_cameras(work: Workspace, report: Progress) -> AdjustedRig:
     """Place as many cameras as the boxes support.
 
     Args:
@@ -45,14 +45,13 @@ def register_cameras(work: Workspace, report: Progress) -> JudgedRig:
     pruned = prune_rig(work, _choose_focal(work, grown))
     registered = drop_harmful(work, pruned)
     if registered.quality[0] != pruned.quality[0]:
-        registered = prune_rig(work, _choose_focal(work, registered.rig))
+        registered = prune_rig(work, _choose_focal(work, registered))
     return registered
 
 
-Seed = tuple[PlacementVerdict, AdjustedRig, tuple[int, int]]
-
-
-def _search_seeds(work: Workspace, report: Progress) -> tuple[list[PairHypothesis], list[Seed]]:
+def _search_seeds(
+    work: Workspace, report: Progress
+) -> tuple[list[PairHypothesis], list[AdjustedRig]]:
     """Find the best hypothesis of every pair of cameras, and adjust the best pairs.
 
     Returns:
@@ -61,7 +60,7 @@ def _search_seeds(work: Workspace, report: Progress) -> tuple[list[PairHypothesi
     """
     couples = list(combinations(range(work.grid.camera_count), 2))
     pairs: list[PairHypothesis] = []
-    adjusting: dict[tuple[int, int], Future[Seed | None]] = {}
+    adjusting: dict[tuple[int, int], Future[AdjustedRig | None]] = {}
     # One thread compiles or solves while another prepares.
     with ThreadPoolExecutor(processor_count()) as pool:
         for done, couple in enumerate(couples, start=1):
@@ -84,25 +83,27 @@ def _search_seeds(work: Workspace, report: Progress) -> tuple[list[PairHypothesi
             report("seeds", done, len(chosen))
             if seed is not None:
                 seeds.append(seed)
-    return pairs, sorted(seeds, key=lambda item: -item[0].margin)
+    return pairs, sorted(seeds, key=lambda seed: -seed.evidence)
 
 
-def _adjusted(work: Workspace, pair: PairHypothesis) -> Seed | None:
+def _adjusted(work: Workspace, pair: PairHypothesis) -> AdjustedRig | None:
     """Adjust a pair; None if its cameras do not see the same people."""
     try:
-        seed = seed_rig(work, pair)
+        seed = alternate(work.grid, pair.state, work.settings, tolerances=RANGE_ERRORS[:3])
     except CalibrationError:
         return None
-    verdict = judge_camera(work, seed.state, pair.cameras[1])
-    return (verdict, seed, pair.cameras) if verdict.accepted else None
+    _, camera = pair.cameras
+    verdict = judge_camera(work, seed.state, camera)
+    return replace(seed, verdicts={camera: verdict}) if verdict.accepted else None
 
 
-def _focal_seems_shared(work: Workspace, seeds: list[Seed]) -> bool:
+def _focal_seems_shared(work: Workspace, seeds: list[AdjustedRig]) -> bool:
     """Return whether the separately fitted focal lengths of good pairs mostly agree."""
     association, matches = GOOD_SEED
     ratios = [
-        abs(float(np.diff(seed.state.parameters[list(cameras), LOG_FOCAL])[0]))
-        for verdict, seed, cameras in seeds
+        abs(float(np.diff(seed.state.parameters[seed.state.placed, LOG_FOCAL])[0]))
+        for seed in seeds
+        for verdict in seed.verdicts.values()
         if verdict.judgment.association > association and verdict.judgment.matches > matches
     ]
     return bool(ratios) and float(np.median(ratios)) < work.settings.shared_focal_spread
@@ -110,21 +111,21 @@ def _focal_seems_shared(work: Workspace, seeds: list[Seed]) -> bool:
 
 def _grow_seeds(
     work: Workspace,
-    seeds: list[Seed],
+    seeds: list[AdjustedRig],
     pairs: list[PairHypothesis],
     report: Progress,
 ) -> AdjustedRig:
     """Grow seeds until one places every camera; return the rig with most cameras and evidence."""
     useful, shared_focal = work.useful.sum(), _focal_seems_shared(work, seeds)
-    grown: list[JudgedRig] = []
-    for done, (_, seed, _) in enumerate(seeds):
+    grown: list[AdjustedRig] = []
+    for done, seed in enumerate(seeds):
         report("growth", done, len(seeds))
         state = replace(seed.state, shared_focal=shared_focal)
         grown.append(grow_rig(work, replace(seed, state=state), pairs))
         if grown[-1].quality[0] >= useful:
             break
     report("growth", len(seeds), len(seeds))
-    return max(grown, key=lambda judged: judged.quality).rig
+    return max(grown, key=lambda rig: rig.quality)
 
 
 def _choose_focal(work: Workspace, rig: AdjustedRig) -> AdjustedRig:

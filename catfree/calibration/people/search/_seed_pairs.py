@@ -1,4 +1,4 @@
-"""Place two cameras relative to each other by their common people, and adjust them."""
+"""Place two cameras relative to each other by their common people."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -6,13 +6,11 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig, alternate
-from catfree.calibration.people.cameras._ground_map import GroundMap, visible
+from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, moved_map, vote
-from catfree.calibration.people.matching._verdict import judge_with_chance
+from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
 
 PLACEMENTS_PER_VOTE = 3
@@ -26,12 +24,12 @@ class PairHypothesis:
 
     Attributes:
         cameras: indices of the two cameras.
-        parameters: (2, 7) their parameters, the first with pan, X and Y zero.
+        state: a rig of these two, the first with pan, X and Y zero.
         margin: evidence minus the highest evidence at shifted times.
     """
 
     cameras: tuple[int, int]
-    parameters: Float[np.ndarray, "2 7"]
+    state: RigState
     margin: float
 
 
@@ -49,6 +47,13 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
     settings = work.settings
     longest = work.grid.size.max(1)
     found: list[tuple[float, Placement, np.ndarray, np.ndarray]] = []
+
+    def pair(p: Float[np.ndarray, "7"], q: Float[np.ndarray, "7"]) -> RigState:
+        count = work.grid.camera_count
+        parameters = np.full((count, 7), np.nan)
+        parameters[[one, two]] = p, q
+        return RigState(parameters, np.full(count, settings.range_tolerance), shared_focal=False)
+
     for share in settings.focal_shares:
         targets, sources = (
             [
@@ -69,12 +74,13 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         for _, placement, p, q in likeliest:
             target, source = work.local_map(grid, one, p), work.local_map(grid, two, q)
             placement = _settle(target, source, placement, settings.match_gate)
-            margin = _judge_pair(work, grid, one, two, p, placement.place(q), target, shifts)
-            found.append((margin, placement, p, q))
+            state = pair(p, placement.place(q))
+            verdict = judge_camera(work, state, two, grid=grid, others=target, shifts=shifts)
+            found.append((verdict.margin, placement, p, q))
     if not found:
         return None
     margin, placement, p, q = max(found, key=lambda item: item[0])
-    return PairHypothesis((one, two), np.stack([p, placement.place(q)]), margin)
+    return PairHypothesis((one, two), pair(p, placement.place(q)), margin)
 
 
 def _settle(target: GroundMap, source: GroundMap, placement: Placement, gate: float) -> Placement:
@@ -89,38 +95,3 @@ def _settle(target: GroundMap, source: GroundMap, placement: Placement, gate: fl
         angle, translation = align_rigidly(target.xy[time, slot], source.xy[time, partner], weight)
         placement = Placement(angle, translation, placement.score)
     return placement
-
-
-def _judge_pair(
-    work: Workspace,
-    grid: BoxGrid,
-    one: int,
-    two: int,
-    p: Float[np.ndarray, "7"],
-    q: Float[np.ndarray, "7"],
-    target: GroundMap,
-    shifts: tuple[float, ...],
-) -> float:
-    """Evidence above chance that two placed cameras see the same people."""
-    settings = work.settings
-    moved = work.local_map(grid, two, q)
-    size, smallest, offset = grid.size, work.smallest, settings.foot_offset
-    _, margin = judge_with_chance(
-        moved,
-        target,
-        visible(q, size[two], smallest[two], target.xy, target.height, offset),
-        visible(p, size[one], smallest[one], moved.xy, moved.height, offset),
-        settings,
-        shifts,
-    )
-    return margin
-
-
-def seed_rig(work: Workspace, pair: PairHypothesis) -> AdjustedRig:
-    """Adjust a pair of cameras with separate focal lengths."""
-    count = work.grid.camera_count
-    parameters = np.full((count, 7), np.nan)
-    parameters[list(pair.cameras)] = pair.parameters
-    tolerance = np.full(count, RANGE_ERRORS[0])
-    state = RigState(parameters, work.settings.foot_offset, tolerance, shared_focal=False)
-    return alternate(work.grid, state, work.settings, tolerances=RANGE_ERRORS[:3])

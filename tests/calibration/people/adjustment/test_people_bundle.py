@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people.adjustment import _people_bundle
-from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
+    KnownCameras,
     adjust_people_bundle,
     saves,
     weak_prior,
@@ -23,7 +24,6 @@ pytestmark = pytest.mark.slow
 RULES = CalibrationSettings()
 CAMERAS, PEOPLE = 4, 12
 PRIOR = np.full(CAMERAS, 7.0)
-OFFSET = 0.15
 
 
 def drawn(seed, *, known, count=PEOPLE):
@@ -42,7 +42,7 @@ def drawn(seed, *, known, count=PEOPLE):
     there[:, 3] = False
     person, camera = np.nonzero(there)
     xy, height = rng.uniform(-3, 3, (count, 2)), rng.normal(1.7, 0.05, count)
-    box = boxes_of_rows(parameters[camera], xy[person], height[person], OFFSET)
+    box = boxes_of_rows(parameters[camera], xy[person], height[person], RULES.foot_offset)
     sd = rng.uniform(2, 5, box.shape)
     data = BoxMeasurements(person, camera, box + sd * rng.standard_normal(box.shape), sd)
     precision = np.tile([9.0, 99, 50, 30, 4, 4, 4], (CAMERAS, 1))
@@ -53,7 +53,7 @@ def drawn(seed, *, known, count=PEOPLE):
 def adjusted(data, state, known, *, spread=np.inf, iterations=200):
     known = known or weak_prior(data.camera, state[0], PRIOR, RULES)
     return adjust_people_bundle(
-        data, *state, OFFSET, known, RULES, focal_spread=spread, iterations=iterations
+        data, *state, known, RULES, focal_spread=spread, iterations=iterations
     )
 
 
@@ -66,7 +66,7 @@ def full_problem(data, state, known, spread):
     def residuals(change, weights):
         moved = cameras + change[: cameras.size].reshape(-1, 7)
         x, y, tall = (start + change[cameras.size + 1 :].reshape(-1, 3)).T
-        offset = OFFSET + change[cameras.size]
+        offset = RULES.foot_offset + change[cameras.size]
         box = boxes_of_rows(
             moved[data.camera], np.column_stack([x, y])[data.person], tall[data.person], offset
         )
@@ -177,7 +177,7 @@ def test_a_free_lens_is_found_or_ideal():
     state, known = (cameras, people), weak_prior(data.camera, cameras, PRIOR, RULES)
     rules = {"focal_spread": np.inf, "iterations": 200}
     free, ideal = (
-        adjust_people_bundle(bent, *state, OFFSET, known, RULES, **rules, k1=start)
+        adjust_people_bundle(bent, *state, known, RULES, **rules, k1=start)
         for start in (np.zeros(CAMERAS), None)
     )
     seen = np.arange(CAMERAS) < CAMERAS - 1
