@@ -16,8 +16,10 @@ from catfree.adapters.calibration_files._projection_matrices import (
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
+    list_of,
     naming_file,
     numbers,
+    numbers_of,
     read_json,
     text_of,
     write_text_atomically,
@@ -48,9 +50,8 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
         FileFormatError: if it is not JSON of this form.
     """
     source = as_path(path, "path")
-    sensors = entry(read_json(source, "calibration"), "sensors", source, "the file")
-    if not isinstance(sensors, list):
-        raise FileFormatError(f"{source}: sensors must be a list.")
+    document = read_json(source, "calibration")
+    sensors = list_of(entry(document, "sensors", source, "the file"), source, "sensors")
     names, matrices, sizes = [], [], []
     for at, sensor in enumerate(sensors):
         where = f"sensor {at}"
@@ -60,8 +61,8 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
             continue
         sizes.append(_image_size(sensor, source, where) or image_size)
         if "intrinsicMatrix" in sensor and "extrinsicMatrix" in sensor:
-            K = numbers(sensor["intrinsicMatrix"], (3, 3), source, f"intrinsicMatrix of {where}")
-            pose = numbers(sensor["extrinsicMatrix"], None, source, f"extrinsicMatrix of {where}")
+            K = numbers_of(sensor, "intrinsicMatrix", (3, 3), source, where)
+            pose = numbers_of(sensor, "extrinsicMatrix", None, source, where)
             if pose.size == 16:
                 if (pose[12:] != [0, 0, 0, 1]).any():
                     raise FileFormatError(
@@ -72,8 +73,7 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
             pose = numbers(pose, (3, 4), source, f"extrinsicMatrix of {where}")
             matrices.append((K, pose[:, :3], pose[:, 3]))
         else:
-            matrix = entry(sensor, "cameraMatrix", source, where)
-            matrix = numbers(matrix, (3, 4), source, f"cameraMatrix of {where}")
+            matrix = numbers_of(sensor, "cameraMatrix", (3, 4), source, where)
             matrices.append(naming_file(source, lambda matrix=matrix: decomposed(matrix)))
     if not names:
         raise FileFormatError(f"{source} holds no camera.")

@@ -98,7 +98,7 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
                 f"{source}: line {line} has {len(fields)} columns instead of "
                 f"{max(columns, 6)} (frame, id, left, top, width, height, ...)."
             )
-        rows.append(parse_numbers(fields, source, line))
+        rows.append(parse_numbers(fields, source, f"line {line}"))
         _, _, left, top, width, height, *_ = rows[-1]
         if not np.isfinite([*rows[-1], left + width, top + height]).all():
             raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")

@@ -13,10 +13,12 @@ from catfree.adapters import (
     read_anipose_toml,
     read_colmap,
     read_opencv_yaml,
+    read_rig_json,
     write_ai_city,
     write_anipose_toml,
     write_colmap_text,
     write_opencv_yaml,
+    write_rig_json,
 )
 from catfree.adapters.calibration_files._named_rig import default_names
 from catfree.errors import FileFormatError, InvalidInputError
@@ -164,3 +166,15 @@ def test_opencv_entries_are_stated_once(rig, tmp_path):
     path.write_text(f"{path.read_text()}t: [0, 0, 9]\n")
     with pytest.raises(FileFormatError, match="t is stated twice"):
         read_opencv_yaml(path)
+
+
+def test_text_is_no_number_and_no_value_of_json_is_lost(rig, tmp_path):
+    path = write_rig_json(tmp_path / "rig.json", rig, NAMES)
+    text = path.read_text()
+    width = f'"width": {rig.image_size[0, 0]}'
+    path.write_text(text.replace(width, f'"width": "{rig.image_size[0, 0]}"', 1))
+    with pytest.raises(FileFormatError, match="the image size of camera 0 must hold numbers only"):
+        read_rig_json(path)
+    path.write_text(text.replace(width, f"{width}, {width}0", 1))
+    with pytest.raises(FileFormatError, match="'width' is stated twice"):
+        read_rig_json(path)

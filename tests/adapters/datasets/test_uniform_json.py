@@ -163,7 +163,7 @@ BOX = "frames.1.views.west.1"
         ("frames.0.views", ..., "frame 10 has no 'views'"),
         ("frames.0.views", [], "views of frame 10 must be an object"),
         ("frames.0.frame", 5, "holds frame 5 twice"),
-        ("frames.0.frame", 0.5, r"frames\[0\] has the number 0.5"),
+        ("frames.0.frame", 0.5, r"frame of frames\[0\] is 0.5, not a whole"),
         ("frames.0.gt.0.x", NAN, "gt 0 of frame 10 is not finite"),
         ("frames.0.gt.0", {"x": 1}, "gt 0 of frame 10 has no 'y'"),
         ("frames", {}, "frames must be a list"),

@@ -121,7 +121,7 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
                 f"{source}: line {line} has {len(fields)} columns instead of "
                 f"{' or '.join(map(str, column_counts))}."
             )
-        rows.append(parse_numbers(fields, source, line))
+        rows.append(parse_numbers(fields, source, f"line {line}"))
         if not np.isfinite(rows[-1]).all():
             raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
     if not rows:
