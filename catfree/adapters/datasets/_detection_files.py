@@ -1,7 +1,5 @@
 """`read_detections`: the boxes of all cameras from files in any format that the library reads."""
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -23,8 +21,8 @@ from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
     read_json,
-    read_text,
 )
+from catfree.adapters.files._text_rows import read_csv
 from catfree.adapters.tables._coco import is_coco, read_coco
 from catfree.adapters.tables._detections_table import (
     list_columns,
@@ -169,31 +167,34 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
     source = as_path(path, "path")
     if not source.is_file():
         raise InvalidInputError(f"There is no file {source} of missing pictures.")
-    first_row = 0
+    lines: Sequence[int]
     if source.suffix.lower() == ".parquet":
         columns = read_parquet(source, "missing pictures")
-        table: dict[str, Any] | None = values_of(columns, columns.column_names, source)
+        table: dict[str, Any] = values_of(columns, columns.column_names, source)
+        lines = range(1, len(columns) + 1)
     else:
-        table, first_row = _table_of(source), 2  # the header is row 1, as in its messages
-    plain = _plain_names([] if table is None else list(table), source)
+        words = read_csv(source, "missing pictures")
+        _plain_names(words.header, source)
+        table, lines = words.columns(), words.lines
+    plain = _plain_names(list(table), source)
     frame, camera = _first(_FRAME, plain), _first(_CAMERA, plain)
-    if table is None or frame is None or camera is None:
+    if frame is None or camera is None:
         raise FileFormatError(
             f"{source} is not a table of missing pictures: it has no columns frame and camera."
         )
     camera_index = {str(index): index for index in range(len(camera_names))}
     camera_index |= {name: index for index, name in enumerate(camera_names)}
-    words = [str(word).strip() for word in table[plain[camera]]]
-    for row, word in enumerate(words, first_row):
+    cameras = [str(word).strip() for word in table[plain[camera]]]
+    for line, word in zip(lines, cameras, strict=True):
         if word not in camera_index:
             raise FileFormatError(
-                f"{source}, row {row}: there is no camera {quoted(word)} among "
+                f"{source}, line {line}: there is no camera {quoted(word)} among "
                 f"{shortened(', '.join(camera_names))}."
             )
     frames = naming_file(
         source, lambda: as_integer(_numbers(table[plain[frame]], plain[frame], source), "frame")
     )
-    return np.column_stack([frames, np.array([camera_index[word] for word in words], np.int64)])
+    return np.column_stack([frames, np.array([camera_index[word] for word in cameras], np.int64)])
 
 
 def holds_boxes(path: StrPath) -> bool:
@@ -257,9 +258,10 @@ def _read(path: Path) -> _Part:
             boxes = replace(boxes, clock=Clock(sequence.fps * float(np.median(step))))
         return _Part(boxes, sequence.camera_names, sequence.image_size)
     if suffix == ".csv":
-        table = _table_of(path)
-        if table is not None:
-            return _part_of_table(table, path)
+        table = read_csv(path, "boxes")
+        if not all(map(_is_number, table.header)):
+            _plain_names(table.header, path)
+            return _part_of_table(table.columns(), path)
     if suffix not in SUFFIXES:
         raise FileFormatError(
             f"{path} is not a file of boxes that is known: {', '.join(SUFFIXES)}."
@@ -290,25 +292,6 @@ def _part_of_parquet(path: Path) -> _Part:
     lists = list_columns(table, path)
     detections = naming_file(path, lambda: replace(part.detections, **lists))
     return replace(part, detections=detections)
-
-
-def _table_of(path: Path) -> dict[str, Any] | None:
-    """Read the columns of a CSV file, or None if it has no header."""
-    try:
-        rows = [row for row in csv.reader(io.StringIO(read_text(path, "boxes"))) if any(row)]
-    except csv.Error as error:
-        raise FileFormatError(f"{path} is not CSV: {quoted(error)}.") from error
-    header = [word.strip() for word in rows[0]] if rows else []
-    if all(_is_number(word) for word in header):
-        return None
-    _plain_names(header, path)
-    for line, row in enumerate(rows[1:], start=2):
-        if len(row) != len(header):
-            raise FileFormatError(
-                f"{path}: row {line} has {len(row)} columns instead of {len(header)}."
-            )
-    columns = list(zip(*rows[1:], strict=True)) or [()] * len(header)
-    return dict(zip(header, columns, strict=True))
 
 
 def _is_number(word: str) -> bool:

@@ -11,9 +11,9 @@ import numpy as np
 from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
-    read_text,
     write_bytes_atomically,
 )
+from catfree.adapters.files._text_rows import read_csv
 from catfree.adapters.tables._parquet import read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Origin, Plane, Tracks
@@ -95,23 +95,12 @@ def read_tracks_csv(path: StrPath) -> Tracks:
             of one clock.
     """
     source = as_path(path, "path")
-    try:
-        lines = list(csv.reader(io.StringIO(read_text(source, "tracks"))))
-    except csv.Error as error:
-        raise FileFormatError(f"{source} is not valid CSV: {quoted(error)}.") from error
-    header, rows = (lines[0], lines[1:]) if lines else ([], [])
-    missing = [name for name in _COLUMNS if name not in header]
+    table = read_csv(source, "tracks")
+    missing = [name for name in _COLUMNS if name not in table.header]
     if missing:
         raise FileFormatError(f"{source} has no column {missing[0]!r}; is it a table of tracks?")
-    for line, row in enumerate(rows, start=2):
-        if len(row) != len(header):
-            raise FileFormatError(
-                f"{source}: line {line} has {len(row)} columns instead of {len(header)}."
-            )
-    text = dict(zip(header, zip(*rows, strict=True), strict=True)) if rows else {}
     column = {}
-    for name in header:
-        values = text.get(name, ())
+    for name, values in table.columns().items():
         try:
             if name == "origin":
                 column[name] = np.array([Origin[value.upper()] for value in values], np.int64)
