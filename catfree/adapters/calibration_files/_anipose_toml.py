@@ -10,13 +10,12 @@ from scipy.spatial.transform import Rotation
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
     lens_coefficients,
-    require_coefficients,
 )
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    registered_cameras,
     rig_of,
+    writable_cameras,
 )
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._documents import (
@@ -114,8 +113,7 @@ def write_anipose_toml(
             number.
     """
     scale = as_positive(metres_per_unit, "metres_per_unit")
-    rig, labels = registered_cameras(rig, names, path)
-    require_coefficients(rig, labels, path)
+    rig, labels = writable_cameras(rig, names, path)
     lines = []
     for at, name in enumerate(labels):
         width, height = rig.image_size[at]

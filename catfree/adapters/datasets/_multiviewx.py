@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
@@ -99,7 +100,7 @@ def read_multiviewx(
 
 
 def _read_rig(folder: Path) -> Rig:
-    K, R, t = [], [], []
+    cameras = []
     mirror, shift = np.diag([1.0, -1.0, 1.0]), np.array([0.0, _DEPTH, 0.0])
     center = np.array([GRID.area[1] / 2, GRID.area[3] / 2, 0.0])
     for camera, name in enumerate(CAMERA_NAMES, start=1):
@@ -117,10 +118,9 @@ def _read_rig(folder: Path) -> Rig:
                 "left-handed calibration. Read a corrected calibration with another reader."
             )
         # x = R' X' + t' with X = F X' + c mirrored, and -x is the same pixel at positive depth.
-        K.append(inner["camera_matrix"])
-        R.append(-published @ mirror)
-        t.append(published @ mirror @ shift - outer["tvec"])
-    return naming_file(folder, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), IMAGE_SIZE))
+        t = published @ mirror @ shift - outer["tvec"]
+        cameras.append(FileCamera(inner["camera_matrix"], -published @ mirror, t, IMAGE_SIZE))
+    return rig_of(cameras, folder)
 
 
 def first_annotation_number(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:

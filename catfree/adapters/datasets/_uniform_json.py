@@ -28,7 +28,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.adapters.protocols import ankles_confirmed
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
-from catfree.types import Detections, Lens, Rig
+from catfree.types import Detections, Rig
 from catfree.types._validation import as_float, as_path, as_positive
 
 
@@ -269,7 +269,7 @@ def _read_rig(cameras: list[Any], source: Path) -> Rig | None:
         size = numbers(pair, (2,), source, where)
         values = numbers(camera.get("dist") or [], None, source, f"dist of {where}")
         distortion = lens_coefficients(values, source, where)
-        file_cameras.append(FileCamera(K, R, t, size, distortion, Lens.PINHOLE))
+        file_cameras.append(FileCamera(K, R, t, size, distortion))
     return rig_of(file_cameras, source)
 
 

@@ -21,6 +21,7 @@ from catfree.adapters import (
     write_rig_json,
 )
 from catfree.adapters.calibration_files._named_rig import default_names
+from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.synthetic import make_layout
 from catfree.types import Lens
@@ -132,6 +133,13 @@ def test_rotations_in_degrees_are_noticed(rig, tmp_path):
     path.write_text(text)
     with pytest.raises(InvalidInputError, match=r"rotation of camera \[cam_0\] is .* from degrees"):
         read_anipose_toml(path)
+
+
+def test_a_rotation_vector_turns_by_a_full_turn_at_most():
+    whole = [2 * np.pi / np.sqrt(3) - 1e-9] * 3
+    np.testing.assert_allclose(rotation_from_vector(whole, "a", "r"), np.eye(3), atol=1e-8)
+    with pytest.raises(InvalidInputError, match="more than a full turn"):
+        rotation_from_vector([5.0, 5.0, 5.0], "a", "r")
 
 
 def test_wrong_types_are_named(rig, tmp_path):

@@ -9,13 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
-    require_coefficients,
 )
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    registered_cameras,
     rig_of,
+    writable_cameras,
 )
 from catfree.adapters.calibration_files.colmap._colmap_binary import (
     binary_cameras,
@@ -134,8 +133,7 @@ def write_colmap_text(
         WriteError: if the disk is full or not writable.
     """
     root = Path(folder)
-    rig, labels = registered_cameras(rig, names, root)
-    require_coefficients(rig, labels, root)
+    rig, labels = writable_cameras(rig, names, root)
     K, R, t = np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t)
     quaternions = Rotation.from_matrix(R).as_quat(canonical=True)
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
