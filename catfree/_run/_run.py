@@ -218,9 +218,7 @@ def run_stages(
     require_own_process()
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
-    workers = as_count(workers, "workers")
-    if workers < 1:
-        raise InvalidInputError(f"workers is {workers}; it must be at least 1.")
+    workers = as_count(workers, "workers", least=1)
     maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
     scene, scene_names = scene_of(scene, scene_names)
     stages = {"detector": detector, "embedder": embedder, "reconstructor": reconstructor}

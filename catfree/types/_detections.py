@@ -16,6 +16,7 @@ from catfree.types._validation import (
     as_count,
     as_float,
     as_integer,
+    as_rows,
     first_index,
     require_boxes,
     require_finite,
@@ -76,8 +77,7 @@ class Detections(eqx.Module):
         """
         self.frame = as_integer(frame, "frame")
         self.camera = as_integer(camera, "camera")
-        boxes = np.asarray(as_float(box))
-        self.box = boxes.reshape(0, 4) if boxes.size == 0 else boxes
+        self.box = as_rows(box, 4, "box")
         self.score = None if score is None else np.asarray(as_float(score))
         self.ankles_confirmed = (
             None if ankles_confirmed is None else as_boolean(ankles_confirmed, "ankles_confirmed")

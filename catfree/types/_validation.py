@@ -199,10 +199,7 @@ def as_positive(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is anything else.
     """
-    number = _finite_number(value)
-    if number is None or not number > 0:
-        raise InvalidInputError(f"{name} is {quoted(value)}; it must be a positive number.")
-    return number
+    return _as_number(value, name, "a positive number", above=0.0)
 
 
 def as_number(value: Any, name: str) -> float:
@@ -211,10 +208,7 @@ def as_number(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is anything else.
     """
-    number = _finite_number(value)
-    if number is None:
-        raise InvalidInputError(f"{name} is {quoted(value)}; it must be a finite number.")
-    return number
+    return _as_number(value, name, "a finite number")
 
 
 def as_duration(value: Any, name: str) -> float:
@@ -223,28 +217,35 @@ def as_duration(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is anything else.
     """
-    number = _finite_number(value)
-    if number is None or number < 0:
-        raise InvalidInputError(
-            f"{name} must be a number of seconds, 0 or more, got {quoted(value)}."
-        )
-    return number
+    return _as_number(value, name, "a number of seconds, 0 or more", least=0.0)
 
 
-def _finite_number(value: Any) -> float | None:
-    """The value as a float, or None if it is not one finite number."""
+def _as_number(
+    value: Any, name: str, meaning: str, *, least: float = -np.inf, above: float = -np.inf
+) -> float:
+    """Return one finite number that is at least `least` and above `above`."""
     number = _as_array(value)
-    if number.shape != () or number.dtype.kind not in "fiu" or not np.isfinite(number):
-        return None
+    is_number = number.shape == () and number.dtype.kind in "fiu" and bool(np.isfinite(number))
+    if not (is_number and number >= least and number > above):
+        given = number.item() if number.shape == () else value
+        raise InvalidInputError(f"{name} is {quoted(given)}; it must be {meaning}.")
     return float(number)
 
 
-def as_point(value: Any, name: str) -> np.ndarray:
-    """Convert to one finite point in space, (3,) float64."""
-    point = np.asarray(as_float(value), np.float64)
-    require_shape(point, (3,), name)
-    require_finite(point, name)
-    return point
+def as_finite(value: Any, shape: tuple[int | None, ...], name: str) -> np.ndarray:
+    """Convert to finite float64 numbers of this shape, None standing for any length."""
+    array = np.asarray(as_float(value), np.float64)
+    require_shape(array, shape, name)
+    require_finite(array, name)
+    return array
+
+
+def as_rows(value: Any, width: int, name: str) -> np.ndarray:
+    """Convert to floats of shape (N, width) on the host; nothing at all is (0, width)."""
+    rows = np.asarray(as_float(value))
+    rows = rows.reshape(0, width) if rows.size == 0 else rows
+    require_shape(rows, (None, width), name)
+    return rows
 
 
 def as_boolean(value: Any, name: str) -> np.ndarray:

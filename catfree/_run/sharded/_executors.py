@@ -166,9 +166,7 @@ def spawned_workers(count: int | None = None) -> Iterator[Executor]:
     Raises:
         InvalidInputError: if the count is less than 1.
     """
-    most = default_workers() if count is None else as_count(count, "workers")
-    if most < 1:
-        raise InvalidInputError(f"workers is {most}; it must be at least 1.")
+    most = default_workers() if count is None else as_count(count, "workers", least=1)
     # Not fork, with which JAX deadlocks.
     context = multiprocessing.get_context("spawn")
     environment = worker_environment()

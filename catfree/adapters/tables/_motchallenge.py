@@ -16,11 +16,11 @@ from catfree.adapters.files._text_rows import read_rows
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Tracks
 from catfree.types._validation import (
-    as_float,
     as_integer,
     as_path,
+    as_positive,
+    as_rows,
     require_finite,
-    require_shape,
 )
 
 # TrackEval matches two boxes at an overlap of 0.5. Squares of side s that are shifted along one
@@ -177,16 +177,13 @@ def write_mot_ground(
             is not positive, rows have another shape, or the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
-    if not 0 < threshold < np.inf:
-        raise InvalidInputError(f"threshold is {threshold}; it must be a positive length.")
+    threshold = as_positive(threshold, "threshold")
     score = None
     if isinstance(tracks, Tracks):
         frame, identity, score = tracks.frame, tracks.track_id, tracks.existence
         xy = np.asarray(tracks.ground_xy, np.float64)
     else:
-        rows = np.asarray(as_float(tracks), np.float64)
-        rows = rows.reshape(0, 4) if rows.size == 0 else rows
-        require_shape(rows, (None, 4), "rows [frame, id, x, y]")
+        rows = as_rows(tracks, 4, "rows [frame, id, x, y]").astype(np.float64)
         frame, identity = as_integer(rows[:, 0], "frame"), as_integer(rows[:, 1], "id")
         xy = rows[:, 2:]
     side = np.full((len(xy), 2), _SIDES_PER_THRESHOLD * threshold)

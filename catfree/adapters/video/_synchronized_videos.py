@@ -137,11 +137,9 @@ class SynchronizedVideos:
             raise InvalidInputError(f"paths must list one video per camera, got only {paths!s}.")
         if not paths:
             raise InvalidInputError("paths must name at least one video or image folder.")
-        stride = as_count(stride, "stride")
+        stride = as_count(stride, "stride", least=1)
         start = None if start is None else as_count(start, "start")
         end = None if end is None else as_count(end, "end")
-        if stride < 1:
-            raise InvalidInputError(f"stride must be at least 1, got {stride}.")
         count = len(paths)
         fewest = as_count(count if fewest_cameras is None else fewest_cameras, "fewest_cameras")
         if not 1 <= fewest <= count:

@@ -40,7 +40,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_float, require_finite, require_shape
+from catfree.types._validation import as_finite
 from catfree.types._writing import make_folder
 
 
@@ -164,9 +164,7 @@ def write_colmap_text(
         pose = _row(np.roll(quaternions[at], 1), t[at])
         images += [f"{at + 1} {pose} {at + 1} {name}", ""]
     cloud = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
-    scene = np.empty((0, 3)) if points is None else as_float(points)
-    require_shape(scene, (None, 3), "points")
-    require_finite(scene, "points")
+    scene = np.empty((0, 3)) if points is None else as_finite(points, (None, 3), "points")
     cloud += [f"{at + 1} {_row(point)} 128 128 128 0" for at, point in enumerate(scene)]
     if not root.parent.is_dir():
         raise InvalidInputError(
