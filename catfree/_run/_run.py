@@ -28,7 +28,7 @@ from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.embedders._color_embedder import ColorEmbedder
-from catfree.adapters.files._camera_names import is_numbered
+from catfree.adapters.files._camera_names import is_numbered, numbered_names
 from catfree.adapters.protocols import (
     Detector,
     Embedder,
@@ -244,7 +244,8 @@ def run_stages(
     if scene is not None:
         scene, order = order_like(scene, scene_names, videos.camera_names)
         so_far.warnings += order
-        _require_same_cameras(scene, videos)
+        videos.require_cameras(scene.rig.camera_count)
+        _require_same_sizes(scene, videos.image_size, videos.camera_names)
     detector = BackgroundDetector() if detector is None else detector
     if embedder is None and isinstance(detector, BackgroundDetector):
         embedder = ColorEmbedder()
@@ -371,7 +372,7 @@ def run_boxes(
     tiny = tiny_boxes(detections, settings.calibration)
     warnings += () if tiny is None else (tiny,)
     names = boxes.camera_names
-    names += tuple(f"C{camera + 1}" for camera in range(len(names), scene.rig.camera_count))
+    names += numbered_names(scene.rig.camera_count)[len(names) :]
     localization = localize_people(
         detections, scene, settings, silent, camera_names=names, cache=cache, progress=progress
     )
@@ -385,16 +386,6 @@ def run_boxes(
         names,
         np.union1d(detections.frame, localization.tracks.frame),
     )
-
-
-def _require_same_cameras(scene: Scene, videos: SynchronizedVideos) -> None:
-    rig = scene.rig
-    if rig.camera_count != videos.camera_count:
-        raise InvalidInputError(
-            f"The scene has {rig.camera_count} cameras, but there are {videos.camera_count} "
-            "videos. Pass one video per camera, in the order of the rig."
-        )
-    _require_same_sizes(scene, videos.image_size, videos.camera_names)
 
 
 def _require_same_sizes(scene: Scene, size: np.ndarray | None, names: Sequence[str]) -> None:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import AbstractArray, jaxtyped
 
-from catfree.errors import InvalidInputError, quoted
+from catfree.errors import InvalidInputError, quoted, shortened
 
 T = TypeVar("T")
 
@@ -91,21 +91,47 @@ def as_instances(values: Any, kind: type[T], name: str) -> list[T]:
     return listed
 
 
-def require_list(value: Any, name: str) -> None:
-    """Raise unless this has a length and members, such as one name per camera."""
-    if not (hasattr(value, "__len__") and hasattr(value, "__getitem__")):
-        raise InvalidInputError(f"{name} must be a list, got {type(value).__name__}.")
+def require_names(
+    names: Any, cameras: int, name: str = "camera_names", *, distinct: bool = False
+) -> None:
+    """Raise unless there is one name per camera, or no names at all.
 
+    Args:
+        names: of the cameras, or None.
+        cameras: their number.
+        name: of the argument, for messages.
+        distinct: whether names must be text that tells the cameras apart.
 
-def require_names(names: Sequence[str] | None, cameras: int) -> None:
-    """Raise unless there is one name per camera, or no names at all."""
+    Raises:
+        InvalidInputError: naming the argument.
+    """
     if names is None:
         return
-    require_list(names, "camera_names")
+    if not (hasattr(names, "__len__") and hasattr(names, "__getitem__")):
+        raise InvalidInputError(f"{name} must be a list, got {type(names).__name__}.")
     if len(names) != cameras:
+        raise InvalidInputError(f"{name} has {len(names)} names, but there are {cameras} cameras.")
+    if not distinct:
+        return
+    for camera, one in enumerate(names):
+        if not (isinstance(one, str) and is_text(one)):
+            raise InvalidInputError(
+                f"The name of camera {camera} is {shortened(ascii(one))}; it must be text that "
+                "UTF-8 can hold."
+            )
+    if len(set(names)) < len(names):
         raise InvalidInputError(
-            f"camera_names has {len(names)} names, but there are {cameras} cameras."
+            f"Two cameras have the same name: {shortened(', '.join(names))}. Rename one of them."
         )
+
+
+def is_text(name: str) -> bool:
+    """Return whether a name can be written as UTF-8; paths in another encoding cannot."""
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _rows_in(value: Any) -> str | None:

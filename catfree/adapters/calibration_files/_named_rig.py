@@ -12,11 +12,11 @@ from catfree.adapters.calibration_files._distortion import (
     require_coefficients,
     require_undistorted,
 )
-from catfree.adapters.files._camera_names import is_text
+from catfree.adapters.files._camera_names import numbered_names
 from catfree.adapters.files._documents import StrPath, naming_file
-from catfree.errors import InvalidInputError, shortened
+from catfree.errors import InvalidInputError
 from catfree.types import Lens, Rig
-from catfree.types._validation import require_instance, require_list
+from catfree.types._validation import require_instance, require_names
 
 _IDEAL = np.zeros(8)
 
@@ -75,22 +75,8 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
             equal, or one is not text.
     """
     require_instance(rig, Rig, "rig")
-    if names is None:
-        return tuple(f"C{camera + 1}" for camera in range(rig.camera_count))
-    require_list(names, "names")
-    if len(names) != rig.camera_count:
-        raise InvalidInputError(f"Got {len(names)} names for {rig.camera_count} cameras.")
-    for camera, name in enumerate(names):
-        if not (isinstance(name, str) and is_text(name)):
-            raise InvalidInputError(
-                f"The name of camera {camera} is {shortened(ascii(name))}; it must be text that "
-                "UTF-8 can hold."
-            )
-    if len(set(names)) < len(names):
-        raise InvalidInputError(
-            f"Two cameras have the same name: {shortened(', '.join(names))}. Rename one of them."
-        )
-    return tuple(names)
+    require_names(names, rig.camera_count, "names", distinct=True)
+    return numbered_names(rig.camera_count) if names is None else tuple(names)
 
 
 def writable_cameras(

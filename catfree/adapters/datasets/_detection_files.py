@@ -14,6 +14,7 @@ from catfree.adapters.files._camera_names import (
     is_numbered,
     names_of_files,
     natural_order,
+    numbered_names,
     positions_of,
 )
 from catfree.adapters.files._documents import (
@@ -120,9 +121,8 @@ def read_detections(
                 "the cameras."
             )
         camera_index = list(range(len(boxes.camera_names)))
-    columns = vars(boxes.detections)
-    columns = columns | {"camera": np.array(camera_index, np.int64)[boxes.detections.camera]}
-    return Detections(**columns), tuple(camera_names)
+    camera = np.array(camera_index, np.int64)[boxes.detections.camera]
+    return replace(boxes.detections, camera=camera), tuple(camera_names)
 
 
 def read_camera_boxes(
@@ -386,9 +386,7 @@ def _joined(parts: list[_Part], files: list[Path]) -> CameraBoxes:
     if all(alone):
         names = _without_common_end(names_of_files(files))
         moved = [
-            Detections(
-                **(vars(part.detections) | {"camera": np.full(len(part.detections), camera)})
-            )
+            replace(part.detections, camera=np.full(len(part.detections), camera))
             for camera, part in enumerate(parts)
         ]
         sizes = [part.size for part in parts if part.size is not None]
@@ -407,7 +405,7 @@ def _joined(parts: list[_Part], files: list[Path]) -> CameraBoxes:
     names = first.names
     if names is None:
         count = int(detections.camera.max(initial=-1)) + 1
-        names = tuple(f"C{camera + 1}" for camera in range(count))
+        names = numbered_names(count)
     return CameraBoxes(detections, names, first.size)
 
 

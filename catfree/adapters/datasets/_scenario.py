@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from catfree.adapters.datasets._sequence import MultiViewSequence
+from catfree.adapters.files._camera_names import numbered_names
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
@@ -64,7 +65,7 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
         scene=scene,
         ground_truth=ground_truth,
         frames=np.arange(frame_count),
-        camera_names=tuple(f"C{camera + 1}" for camera in range(scene.rig.camera_count)),
+        camera_names=numbered_names(scene.rig.camera_count),
         fps=fps,
         evaluation_area=(x_min, x_max, y_min, y_max),
         true_centres=numbers_of(protocol, "true_centres", centers, root / "eval.json", "the file"),
