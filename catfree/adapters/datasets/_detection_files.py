@@ -26,9 +26,8 @@ from catfree.adapters.files._documents import (
 from catfree.adapters.files._text_rows import read_csv
 from catfree.adapters.tables._coco import is_coco, read_coco
 from catfree.adapters.tables._detections_table import (
-    list_columns,
     open_detections_table,
-    read_detections_parquet,
+    optional_columns,
     rows_of,
 )
 from catfree.adapters.tables._motchallenge import read_mot
@@ -276,21 +275,13 @@ def _part_of_coco(path: Path, images: Path | None) -> _Part:
 
 def _part_of_parquet(path: Path) -> _Part:
     if path.is_dir():
-        opened = open_detections_table(path)
-        import pyarrow
-
-        if pyarrow.types.is_integer(opened.schema.field("camera").type):
-            return _Part(read_detections_parquet(path))
-        table = rows_of(opened, path)
+        table = rows_of(open_detections_table(path), path)
     else:
         table = read_parquet(path, "boxes")
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]
-    columns = values_of(table, plain, path)
-    if set(columns) >= {"frame", "camera", *_BOXES[0][1]} and columns["camera"].dtype.kind in "iu":
-        return _Part(read_detections_parquet(path))
-    part = _part_of_table(columns, path)
-    lists = list_columns(table, path)
-    detections = naming_file(path, lambda: replace(part.detections, **lists))
+    part = _part_of_table(values_of(table, plain, path), path)
+    options = optional_columns(table, path)
+    detections = naming_file(path, lambda: replace(part.detections, **options))
     return replace(part, detections=detections)
 
 
@@ -365,15 +356,18 @@ def _first(wanted: Sequence[str], known: dict[str, str]) -> str | None:
 
 
 def _numbers(values: Any, name: str, path: Path) -> np.ndarray:
+    """Numbers of a column, which may be text; what is neither is left to `Detections`."""
     array = np.asarray(values)
+    if array.dtype.kind not in "OSU":
+        return array
     try:
         if array.dtype.kind == "U":
+            # Floats hold 53 bits of a whole number, such as a time in nanoseconds.
             return array.astype(np.int64)
     except (ValueError, OverflowError):  # fractions, or no numbers at all
         pass
     try:
-        # Floats hold 53 bits of a whole number, such as a time in nanoseconds.
-        return array if array.dtype.kind in "iu" else np.asarray(values, np.float64)
+        return array.astype(np.float64)
     except (TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path}: column {quoted(name)} holds a value that is not a number ({quoted(error)})."
