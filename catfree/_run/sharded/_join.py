@@ -192,7 +192,7 @@ def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
 def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> ShardPositions:
     names = ["frame", "track_id", "x", "y", "cov_xx", "cov_xy", "cov_yy"]
     column = _columns(folder, receipt, names, first, stop)
-    covariance = symmetric(*(column[f"cov_{axes}"] for axes in ("xx", "xy", "yy")))
+    covariance = symmetric(column, "cov")
     tracked = column["track_id"] >= 0
     return ShardPositions(
         column["frame"][tracked],

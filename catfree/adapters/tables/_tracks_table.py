@@ -115,7 +115,7 @@ def read_tracks_csv(path: StrPath) -> Tracks:
     velocity = velocity_covariance = None
     if all(name in column for name in _VELOCITY):
         velocity = np.stack([column["velocity_x"], column["velocity_y"]], axis=-1)
-        velocity_covariance = _symmetric(column, "velocity_covariance")
+        velocity_covariance = symmetric(column, "velocity_covariance")
     position = [column[f"position_{axis}"] for axis in "xyz"]
     tracks = Tracks(
         frame=column["frame"],
@@ -123,7 +123,7 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         position=np.stack(position, axis=-1),
         ground_xy=np.stack([column["x"], column["y"]], axis=-1),
         sigma=column["sigma"],
-        covariance=_symmetric(column, "covariance"),
+        covariance=symmetric(column, "covariance"),
         supporting_cameras=column["supporting_cameras"],
         origin=column["origin"],
         existence=column.get("existence"),
@@ -201,11 +201,6 @@ def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock
         if (np.abs(Clock(mean_rate, start).seconds(frame) - time) <= _OFF_CLOCK).all():
             return Clock(mean_rate, start, utc)
     raise FileFormatError(f"{source}: column {_TIME!r} is invalid: no clock gives these times.")
-
-
-def _symmetric(column: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """(M, 2, 2) from the columns of its three different entries."""
-    return symmetric(*(column[f"{name}_{axes}"] for axes in ("xx", "xy", "yy")))
 
 
 def _columns(tracks: Tracks) -> dict[str, np.ndarray]:
