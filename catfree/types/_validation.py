@@ -5,7 +5,7 @@ import errno
 import os
 import types
 import typing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -299,7 +299,11 @@ def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
 
 
 def require_boxes(
-    count: int, box: np.ndarray, score: np.ndarray | None, keypoints: np.ndarray | None
+    count: int,
+    box: np.ndarray,
+    score: np.ndarray | None,
+    keypoints: np.ndarray | None,
+    place: Callable[[int], str] | None = None,
 ) -> None:
     """Raise at the first box without area, score outside [0, 1] or number that is not finite.
 
@@ -308,15 +312,16 @@ def require_boxes(
         box: (N, 4) x1, y1, x2, y2.
         score: (N,) or None.
         keypoints: (N, 17, 3) or None.
+        place: names a box in messages; None for its index.
     """
     require_shape(box, (count, 4), "box")
     require_finite(box, "box")
     empty = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
     if empty.any():
         at = int(np.argmax(empty))
+        name = f"box[{at}]" if place is None else place(at)
         raise InvalidInputError(
-            f"box[{at}] is {box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels (xyxy, not "
-            "xywh)."
+            f"{name} is {box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels (xyxy, not xywh)."
         )
     if score is not None:
         require_shape(score, (count,), "score")
@@ -324,7 +329,8 @@ def require_boxes(
         outside = (score < 0) | (score > 1)
         if outside.any():
             at = int(np.argmax(outside))
-            raise InvalidInputError(f"score[{at}] is {score[at]}; it must be in [0, 1].")
+            name = f"score[{at}]" if place is None else f"The score of {place(at)}"
+            raise InvalidInputError(f"{name} is {score[at]}; it must be in [0, 1].")
     if keypoints is not None:
         require_shape(keypoints, (count, 17, 3), "keypoints")
         require_finite(keypoints, "keypoints")

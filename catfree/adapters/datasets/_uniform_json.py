@@ -29,7 +29,7 @@ from catfree.adapters.files._documents import (
 from catfree.adapters.protocols import ankles_confirmed
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Detections, Rig
-from catfree.types._validation import as_float, as_path, as_positive
+from catfree.types._validation import as_float, as_path, as_positive, require_boxes
 
 
 def read_uniform_json(
@@ -168,21 +168,10 @@ class _BoxTable:
         if box is None and self.rows:
             raise FileFormatError(f"{self.source}: {self.place(0)} has no 'box'.")
         box = np.empty((0, 4)) if box is None else box
-        empty = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
-        if empty.any():
-            at = int(np.argmax(empty))
-            raise InvalidInputError(
-                f"{self.source}: {self.place(at)} is {box[at].tolist()}; it must be x1 < x2, "
-                "y1 < y2 in pixels (xyxy). Correct or remove it."
-            )
         keypoints = self.column("kpts", (17, 3))
         ankles = None if keypoints is None else ankles_confirmed(keypoints)
         score = self.column("score", ())
-        if score is not None and not ((score >= 0) & (score <= 1)).all():
-            at = int(np.argmax((score < 0) | (score > 1)))
-            raise InvalidInputError(
-                f"{self.source}: {self.place(at)} has score {score[at]}; it must be in [0, 1]."
-            )
+        naming_file(self.source, lambda: require_boxes(len(box), box, score, keypoints, self.place))
         vectors = None if embedding is None else self.embedding(embedding)
         frame, camera = (np.array([row[at] for row in self.rows], np.int64) for at in (0, 1))
         return naming_file(

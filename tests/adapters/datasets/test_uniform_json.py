@@ -156,7 +156,7 @@ BOX = "frames.1.views.west.1"
         (f"{BOX}.box", "wide", "'box' of box 1 of camera west in frame 5"),
         (f"{BOX}.box", ..., "box 1 of camera west in frame 5 has no 'box'"),
         (f"{BOX}.score", ..., "box 1 of camera west in frame 5 has no 'score'"),
-        (f"{BOX}.score", 1.5, "box 1 of camera west in frame 5 has score 1.5"),
+        (f"{BOX}.score", 1.5, "score of box 1 of camera west in frame 5 is 1.5"),
         (f"{BOX}.kpts", [[1, 2, 3]], "'kpts' of box 1 of camera west in frame 5 must hold 17 x 3"),
         (BOX, 3, "box 1 of camera west in frame 5"),
         ("frames.0.views", {"north": []}, "frame 10 has boxes of camera 'north'"),

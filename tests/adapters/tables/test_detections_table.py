@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-import catfree as cf
 from catfree.adapters import (
     read_detections,
     read_detections_parquet,
@@ -186,13 +185,12 @@ def test_a_range_of_a_damaged_table_is_refused(tmp_path):
 def test_tables_of_named_cameras_keep_ankles_and_clock(tmp_path):
     import pyarrow.parquet
 
-    given = cf.Detections(
-        [0, 1], [0, 1], [[0, 0, 5, 9]] * 2, None, [True, False], clock=cf.Clock(5)
-    )
-    path = write_detections_parquet(tmp_path / "a.parquet", given)
+    box = [[0, 0, 5, 9]] * 2
+    saved = Detections([0, 1], [0, 1], box, None, [True, False], clock=Clock(5))
+    path = write_detections_parquet(tmp_path / "a.parquet", saved)
     table = pyarrow.parquet.read_table(path)
     at = table.schema.get_field_index("camera")
     pyarrow.parquet.write_table(table.set_column(at, "camera", [["east", "west"]]), path)
     found, names = read_detections(path)
-    assert (names, found.clock) == (("east", "west"), given.clock)
-    np.testing.assert_array_equal(found.ankles_confirmed, given.ankles_confirmed)
+    assert (names, found.clock) == (("east", "west"), saved.clock)
+    np.testing.assert_array_equal(found.ankles_confirmed, saved.ankles_confirmed)
