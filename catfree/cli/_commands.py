@@ -609,11 +609,6 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._result_folder import draw_heat_map, read_results
         from catfree.viz._heat_map import heat_map as count, write_heat_map
 
-        if out is not None and out.suffix.lower() == ".png":
-            raise InvalidInputError(
-                f"--out is {out}, but it names the CSV file; the picture is written beside it. "
-                f"Give {out.with_suffix('.csv')}."
-            )
         recording = joined_recording(results)
         if recording is None:
             localization, scene, _ = read_results(results)
