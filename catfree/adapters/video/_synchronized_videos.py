@@ -160,15 +160,16 @@ class SynchronizedVideos:
             self._sources = list(pool.map(_open_camera, range(len(paths)), paths))
         self._offsets, self._keep, self._fewest = shifts, on_error == "keep", fewest
         self.camera_names: list[str] = names_of_files([s.path for s in self._sources])
-        for name, offset, source in zip(self.camera_names, shifts, self._sources, strict=True):
-            if offset >= source.frame_count:
-                raise InvalidInputError(
-                    f"The offset of camera {quoted(name)} is {offset}, but it has only "
-                    f"{source.frame_count} frames, so that it shows no instant. Correct offsets."
-                )
         self._rate = self._common_rate(frame_rate)
         self._start, self._utc = self._common_start()
         self._origins = self._origins_of_ticks(offsets is not None)
+        for camera, (offset, source) in enumerate(zip(shifts, self._sources, strict=True)):
+            if offset >= source.frame_count and self._span(camera)[1] < 0:
+                raise InvalidInputError(
+                    f"The offset of camera {quoted(self.camera_names[camera])} is {offset}, but it "
+                    f"has only {source.frame_count} frames, so that it shows no instant. Correct "
+                    "offsets."
+                )
         self._limits, self._stride = (start, end), stride
         self._ticks, self._dropped = self._complete(self._shared_ticks(start, end, stride))
         self.interruption: CatFreeError | None = None
