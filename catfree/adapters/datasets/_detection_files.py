@@ -11,6 +11,7 @@ from jaxtyping import Int
 
 from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.files._camera_names import (
+    files_ending,
     is_numbered,
     names_of_files,
     natural_order,
@@ -209,7 +210,7 @@ def holds_boxes(path: StrPath) -> bool:
 
 def has_images(folder: Path) -> bool:
     """Return whether a folder holds images, as that of a camera."""
-    return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
+    return bool(files_ending(folder, IMAGE_SUFFIXES))
 
 
 def _files_of(source: Path) -> list[Path]:

@@ -3,7 +3,7 @@
 import os
 import re
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path, PurePosixPath
 
 from catfree.errors import InvalidInputError
@@ -120,6 +120,13 @@ def natural_order(name: str) -> list[tuple[int, int, str]]:
         (1, 0, piece.lower()) if number is None else (0, len(number), number)
         for piece, number in zip(pieces, digits, strict=True)
     ]
+
+
+def files_ending(folder: Path, suffixes: Collection[str]) -> list[Path]:
+    """List the files of a folder with some suffixes in natural order, without hidden ones."""
+    files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes)
+    visible = (path for path in files if not path.name.startswith("."))
+    return sorted(visible, key=lambda path: natural_order(path.name))
 
 
 def file_names(names: Sequence[str]) -> list[str]:
