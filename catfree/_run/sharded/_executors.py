@@ -21,8 +21,9 @@ from catfree._run._worker import (
 from catfree._run.sharded._join import join_shards
 from catfree._run.sharded._receipt import recording_folder, remove_beyond
 from catfree._run.sharded._run_shard import run_shard
-from catfree._run.sharded._shard import Shard, StrPath
+from catfree._run.sharded._shard import Shard
 from catfree._run.sharded._stored_tracks import StoredTracks
+from catfree.adapters.files._documents import StrPath
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError, quoted
 from catfree.settings import Settings
