@@ -1,4 +1,4 @@
-"""Evenly spread subsets of rows, pairs of rows, and the spacing of frames."""
+"""Evenly spread subsets of rows, rows of a picture, pairs of rows, and the spacing of frames."""
 
 import numpy as np
 from jaxtyping import Int, Shaped
@@ -22,6 +22,21 @@ def evenly_spread(rows: Shaped[np.ndarray, "n *rest"], most: int) -> Shaped[np.n
 def frame_step(frames: Int[np.ndarray, " frame"]) -> int:
     """Return the median step between sorted frame numbers (F,); 1 for fewer than two."""
     return max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+
+
+def rows_of_picture(
+    frames: Int[np.ndarray, " n"], cameras: Int[np.ndarray, " n"], frame: int, camera: int
+) -> Int[np.ndarray, " k"]:
+    """Find the rows of one picture in a table sorted by frame; the other frames cost nothing.
+
+    Args:
+        frames: (n,) frame of each row, in order.
+        cameras: (n,) camera of each row.
+        frame: of the picture.
+        camera: of the picture.
+    """
+    begin, end = np.searchsorted(frames, [frame, frame + 1])
+    return begin + np.flatnonzero(cameras[begin:end] == camera)
 
 
 def expand_ranges(
