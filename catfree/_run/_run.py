@@ -290,8 +290,7 @@ def run_stages(
                 cache=cache,
                 progress=progress,
             )
-    tiny = tiny_boxes(detections, settings.calibration)
-    so_far.warnings += () if tiny is None else (tiny,)
+    so_far.warnings += tiny_boxes(detections, settings.calibration)
     localization = localize_people(
         detections, scene, settings, videos.silent,
         camera_names=videos.camera_names, cache=cache, progress=progress,
@@ -369,8 +368,7 @@ def run_boxes(
         warnings += calibration_warnings(calibration, detections, boxes, settings)
         detections = remove_offsets(detections, calibration.frame_offset)
         silent = silent - np.pad(calibration.frame_offset[silent[:, 1], None], ((0, 0), (0, 1)))
-    tiny = tiny_boxes(detections, settings.calibration)
-    warnings += () if tiny is None else (tiny,)
+    warnings += tiny_boxes(detections, settings.calibration)
     names = boxes.camera_names
     names += numbered_names(scene.rig.camera_count)[len(names) :]
     localization = localize_people(
