@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.errors import InvalidInputError, MissingDependencyError, quoted, shortened
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
+from catfree.types._sampling import select_rows
 from catfree.types._validation import (
     as_boolean,
     as_count,
@@ -126,12 +127,7 @@ class Detections(eqx.Module):
 
     def __getitem__(self, rows: Any) -> "Detections":
         """Select rows by a slice, a boolean mask or an integer array, in that order."""
-        chosen = np.arange(len(self))[rows].reshape(-1)
-        columns = {name: value for name, value in vars(self).items() if name != "clock"}
-        return Detections(
-            **{name: None if value is None else value[chosen] for name, value in columns.items()},
-            clock=self.clock,
-        )
+        return select_rows(self, len(self), rows)
 
     @property
     def height(self) -> Float[np.ndarray, " n"]:

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.errors import InvalidInputError, quoted
 from catfree.types._annotations import HostOrDevice
 from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._sampling import select_rows
 from catfree.types._validation import (
     as_boolean,
     as_float,
@@ -183,10 +184,7 @@ class Rig(eqx.Module):
 
     def select(self, cameras: Any) -> "Rig":
         """Select cameras by boolean mask or indices, in that order."""
-        chosen = np.arange(self.camera_count)[cameras].reshape(-1)
-        return Rig(
-            **{name: None if value is None else value[chosen] for name, value in vars(self).items()}
-        )
+        return select_rows(self, self.camera_count, cameras)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one `.npz` file (no pickle).

@@ -1,6 +1,7 @@
 """One clock for cameras whose frames have times of their own."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -79,8 +80,7 @@ def on_common_clock(
             )
         tick[rows] = ticks[camera][frame]
     kept = np.flatnonzero(tick >= 0)
-    columns = vars(detections[kept]) | {"frame": tick[kept], "clock": Clock(rate, start, utc)}
-    return Detections(**columns)
+    return replace(detections[kept], frame=tick[kept], clock=Clock(rate, start, utc))
 
 
 def rate_of(times: Times) -> float:
