@@ -19,7 +19,7 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.types import Lens, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
 from catfree.types._scene import require_scene
-from catfree.types._validation import as_point
+from catfree.types._validation import as_finite
 
 PARALLEL = 1e-6  # sine of the angle to the ground's normal below which upright is undefined
 
@@ -187,7 +187,7 @@ def camera_gain(
             f"like is {like}, which is not a registered camera; choose one of "
             f"{np.flatnonzero(registered).tolist()}."
         )
-    center, target = as_point(center, "center"), as_point(target, "target")
+    center, target = as_finite(center, (3,), "center"), as_finite(target, (3,), "target")
     rotation = _upright(center, target, np.asarray(scene.ground.normal, np.float64))
     after = coverage_with(
         scene,

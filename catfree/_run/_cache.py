@@ -15,7 +15,7 @@ import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError, WriteError
 from catfree.types import Localization, Tracks
-from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._validation import options_of, require_declared_types
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned
 from catfree.types.results import require_sound_localization, require_sound_tracks
@@ -62,8 +62,7 @@ class StageCache:
             kind: the dataclass that was stored.
         """
         try:
-            arrays = load_arrays(self.path(stage, key), kind.__name__, required=None)
-            return from_arrays(kind, arrays)
+            return load_value(self.path(stage, key), kind)
         except (FileFormatError, InvalidInputError):
             return None
 
@@ -75,7 +74,7 @@ class StageCache:
         """
         path = self.path(stage, key)
         try:
-            save_arrays(path, type(value).__name__, to_arrays(value))
+            save_value(path, value)
         except (OSError, InvalidInputError) as error:
             reason = cannot_write(path, error) if isinstance(error, OSError) else error
             raise WriteError(
@@ -100,6 +99,27 @@ class StageCache:
         value = compute()
         self.store(stage, key, value)
         return value
+
+
+def save_value(path: Path, value: Any) -> Path:
+    """Write a dataclass of arrays, numbers and further dataclasses to one archive.
+
+    Raises:
+        InvalidInputError: as `save_arrays`.
+        WriteError: as `save_arrays`.
+    """
+    return save_arrays(path, type(value).__name__, to_arrays(value))
+
+
+def load_value(path: Path, kind: type[T]) -> T:
+    """Read what `save_value` wrote.
+
+    Raises:
+        InvalidInputError: if there is no such file, or a value in it is not valid.
+        FileFormatError: if the file holds something else.
+    """
+    arrays = load_arrays(path, kind.__name__, required=None)
+    return naming_file(path, lambda: from_arrays(kind, arrays))
 
 
 def to_arrays(value: Any) -> Arrays:

@@ -226,7 +226,7 @@ def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | None:
+def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> tuple[str, ...]:
     """Warn if most boxes are too small to be measured: not people, or people far away.
 
     Args:
@@ -234,19 +234,19 @@ def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | N
         settings: define the noise of box edges.
 
     Returns:
-        One sentence, or None if the boxes are large enough or there are none.
+        One sentence; none if the boxes are large enough or there are none.
     """
     if not len(detections):
-        return None
+        return ()
     height = np.asarray(detections.height, np.float64)
     # The noise of a height is that of its two edges.
     noise = np.sqrt(2) * edge_deviation(height, settings.relative_sd, settings.pixel_sd)
     if np.mean(height < DEVIATIONS_TO_MEASURE * noise) <= 0.5:
-        return None
+        return ()
     return (
         f"These boxes are not people, or people too far away to measure: the median height of "
         f"{len(detections)} boxes is {np.median(height):.0f} px. Pass a detector of people, or "
-        "larger images."
+        "larger images.",
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree._coverage import Coverage, coverage
-from catfree._run._cache import from_arrays, to_arrays
+from catfree._run._cache import load_value, save_value
 from catfree._run._report import write_report
 from catfree._run._run import RunOutcome
 from catfree.adapters.calibration_files._anipose_toml import write_anipose_toml
@@ -26,9 +26,8 @@ from catfree.errors import CatFreeError, FileFormatError
 from catfree.settings import SelectionSettings, Settings
 from catfree.types import Detections, Lens, Localization, Scene
 from catfree.types._annotations import Progress
-from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._validation import as_path, require_instance
-from catfree.types._writing import cannot_write, remove_abandoned, replacing
+from catfree.types._writing import cannot_write, make_folder, remove_abandoned, replacing
 from catfree.types.results import MOST_CAMERAS
 from catfree.viz._heat_map import HeatMap
 from catfree.viz._plan_view import length_unit
@@ -114,7 +113,7 @@ def write_results(
     require_instance(settings, Settings, "settings")
     localization, scene = outcome.localization, outcome.scene
     try:
-        root.mkdir(parents=True, exist_ok=True)
+        make_folder(root)
         for part in FOLDERS:
             remove_abandoned(root / part)
         earlier = [*(root / name for name in SOMETIMES), *_earlier_boxes(root)]
@@ -248,7 +247,7 @@ def write_rig(
         The files.
     """
     root = Path(folder)
-    (root / "rig").mkdir(parents=True, exist_ok=True)
+    make_folder(root / "rig")
     written = [write_scene_json(root / SCENE_FILE, scene, camera_names)]
     if (scene.rig.lenses == Lens.RAYS).any():
         return written
@@ -274,8 +273,7 @@ def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, t
     """
     root = as_path(folder, "folder")
     scene, names = read_scene_json(root / SCENE_FILE)
-    arrays = load_arrays(root / LOCALIZATION_FILE, Localization.__name__, required=None)
-    localization = naming_file(root / LOCALIZATION_FILE, lambda: from_arrays(Localization, arrays))
+    localization = load_value(root / LOCALIZATION_FILE, Localization)
     cameras = localization.candidates.support.shape[-1]
     if cameras != scene.rig.camera_count:
         raise FileFormatError(
@@ -318,8 +316,7 @@ def draw_pictures(
     from catfree.viz.plots._coverage_map import plot_coverage
     from catfree.viz.plots._threshold_plot import plot_gates
 
-    root = Path(folder)
-    root.mkdir(parents=True, exist_ok=True)
+    root = make_folder(folder)
     figures = {}
     view = plot_bird_eye(
         localization, scene, camera_names=camera_names, area=area, ground_truth=ground_truth
@@ -392,8 +389,7 @@ def draw_views(
     from catfree.viz.footage._ground_grid import draw_ground_grids
     from catfree.viz.footage._overlay import draw_frame
 
-    root = Path(folder)
-    root.mkdir(parents=True, exist_ok=True)
+    root = make_folder(folder)
     results = (outcome.detections, outcome.localization, outcome.scene)
     height = person_height(*results)
     middle = videos.frame_count // 2
@@ -424,8 +420,7 @@ def write_overlay(
     """Write `overlay.webm`, the images of all cameras with the tracks, to a folder."""
     from catfree.viz.footage._overlay import write_overlay_video
 
-    root = Path(folder)
-    root.mkdir(parents=True, exist_ok=True)
+    root = make_folder(folder)
     write_overlay_video(
         root / OVERLAY_FILE,
         videos,
@@ -467,9 +462,11 @@ def _write_tables(
     detections = outcome.detections
     detections = detections if embeddings else dataclasses.replace(detections, embedding=None)
     detections.save(root / "detections.npz")
-    arrays = to_arrays(outcome.localization)
-    save_arrays(root / LOCALIZATION_FILE, Localization.__name__, arrays)
-    return [*files, root / "detections.npz", root / LOCALIZATION_FILE]
+    return [
+        *files,
+        root / "detections.npz",
+        save_value(root / LOCALIZATION_FILE, outcome.localization),
+    ]
 
 
 def numbers_of_files(frames: Int[np.ndarray, " t"], *, from_one: bool = False) -> range:
@@ -507,8 +504,7 @@ def write_boxes(
     Returns:
         The files.
     """
-    root = Path(folder)
-    root.mkdir(parents=True, exist_ok=True)
+    root = make_folder(folder)
     files = []
     for camera, name in enumerate(file_names(camera_names)):
         rows = detections.camera == camera

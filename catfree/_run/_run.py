@@ -28,7 +28,7 @@ from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.embedders._color_embedder import ColorEmbedder
-from catfree.adapters.files._camera_names import is_numbered
+from catfree.adapters.files._camera_names import is_numbered, numbered_names
 from catfree.adapters.protocols import (
     Detector,
     Embedder,
@@ -218,9 +218,7 @@ def run_stages(
     require_own_process()
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
-    workers = as_count(workers, "workers")
-    if workers < 1:
-        raise InvalidInputError(f"workers is {workers}; it must be at least 1.")
+    workers = as_count(workers, "workers", least=1)
     maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
     scene, scene_names = scene_of(scene, scene_names)
     stages = {"detector": detector, "embedder": embedder, "reconstructor": reconstructor}
@@ -246,7 +244,8 @@ def run_stages(
     if scene is not None:
         scene, order = order_like(scene, scene_names, videos.camera_names)
         so_far.warnings += order
-        _require_same_cameras(scene, videos)
+        videos.require_cameras(scene.rig.camera_count)
+        _require_same_sizes(scene, videos.image_size, videos.camera_names)
     detector = BackgroundDetector() if detector is None else detector
     if embedder is None and isinstance(detector, BackgroundDetector):
         embedder = ColorEmbedder()
@@ -291,8 +290,7 @@ def run_stages(
                 cache=cache,
                 progress=progress,
             )
-    tiny = tiny_boxes(detections, settings.calibration)
-    so_far.warnings += () if tiny is None else (tiny,)
+    so_far.warnings += tiny_boxes(detections, settings.calibration)
     localization = localize_people(
         detections, scene, settings, videos.silent,
         camera_names=videos.camera_names, cache=cache, progress=progress,
@@ -370,10 +368,9 @@ def run_boxes(
         warnings += calibration_warnings(calibration, detections, boxes, settings)
         detections = remove_offsets(detections, calibration.frame_offset)
         silent = silent - np.pad(calibration.frame_offset[silent[:, 1], None], ((0, 0), (0, 1)))
-    tiny = tiny_boxes(detections, settings.calibration)
-    warnings += () if tiny is None else (tiny,)
+    warnings += tiny_boxes(detections, settings.calibration)
     names = boxes.camera_names
-    names += tuple(f"C{camera + 1}" for camera in range(len(names), scene.rig.camera_count))
+    names += numbered_names(scene.rig.camera_count)[len(names) :]
     localization = localize_people(
         detections, scene, settings, silent, camera_names=names, cache=cache, progress=progress
     )
@@ -387,16 +384,6 @@ def run_boxes(
         names,
         np.union1d(detections.frame, localization.tracks.frame),
     )
-
-
-def _require_same_cameras(scene: Scene, videos: SynchronizedVideos) -> None:
-    rig = scene.rig
-    if rig.camera_count != videos.camera_count:
-        raise InvalidInputError(
-            f"The scene has {rig.camera_count} cameras, but there are {videos.camera_count} "
-            "videos. Pass one video per camera, in the order of the rig."
-        )
-    _require_same_sizes(scene, videos.image_size, videos.camera_names)
 
 
 def _require_same_sizes(scene: Scene, size: np.ndarray | None, names: Sequence[str]) -> None:

@@ -115,8 +115,9 @@ def calibrate_cameras(
     try:
         return anchored(remembered("calibration", compute), anchors, rules, camera_names=names)
     except CalibrationError as error:
-        tiny = tiny_boxes(detections, rules)
-        message = str(error) if tiny is None else f"{tiny} The calibration error was: {error}"
+        message = str(error)
+        for tiny in tiny_boxes(detections, rules):
+            message = f"{tiny} The calibration error was: {error}"
         if len(incomplete):
             message += f" {len(incomplete)} instants that some camera does not show were left out."
         raise CalibrationError(message) from error

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from catfree.errors import InvalidInputError
 from catfree.types import Scene
-from catfree.types._validation import as_float, require_boxes
+from catfree.types._validation import as_float, as_rows, require_boxes
 from catfree.types.results._reconstruction import Reconstruction as Reconstruction
 
 Image = UInt8[np.ndarray, "_ _ 3"]
@@ -44,8 +44,7 @@ class FrameDetections(eqx.Module):
             InvalidInputError: naming the first entry that has a wrong shape, is not finite, is a
                 box without area or a score outside [0, 1].
         """
-        boxes = np.asarray(as_float(box))
-        self.box = boxes.reshape(0, 4) if boxes.size == 0 else boxes
+        self.box = as_rows(box, 4, "box")
         self.score = np.asarray(as_float(score))
         self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints))
         require_boxes(len(self.box), self.box, self.score, self.keypoints)

@@ -11,6 +11,7 @@ import numpy as np
 import catfree
 from catfree.cli._check_command import check_command
 from catfree.cli._inputs import (
+    Method,
     Unit,
     are_boxes,
     folder_of_results,
@@ -164,7 +165,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         reconstructor: Path | None = None,
         scene: Path | None = None,
         unit: Unit = "m",
-        method: Literal["default", "paper", "evidence"] = "default",
+        method: Method = "default",
         cache: Path | None = None,
         stride: int = 1,
         start: int | None = None,
@@ -278,7 +279,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         out: Path = Path("catfree_results"),
         scene: Path | None = None,
         unit: Unit = "m",
-        method: Literal["default", "paper", "evidence"] = "default",
+        method: Method = "default",
         image_size: tuple[int, int] | None = None,
         frame_rate: float | None = None,
         silent: Path | None = None,
@@ -339,7 +340,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         people: int = 14,
         frames: int = 200,
         size: tuple[int, int] = (1280, 720),
-        method: Literal["default", "paper", "evidence"] = "default",
+        method: Method = "default",
         workers: int | None = None,
         pictures: bool = True,
         blur: bool = False,
@@ -609,11 +610,6 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._result_folder import draw_heat_map, read_results
         from catfree.viz._heat_map import heat_map as count, write_heat_map
 
-        if out is not None and out.suffix.lower() == ".png":
-            raise InvalidInputError(
-                f"--out is {out}, but it names the CSV file; the picture is written beside it. "
-                f"Give {out.with_suffix('.csv')}."
-            )
         recording = joined_recording(results)
         if recording is None:
             localization, scene, _ = read_results(results)

@@ -27,6 +27,7 @@ from catfree.synthetic.render import make_demo_world, render_videos
 from catfree.types import Scene
 from catfree.types._annotations import Progress
 from catfree.types._processes import processor_count
+from catfree.types._validation import as_count
 from catfree.viz.page._blocks import Block, Heading, Paragraph, Table
 
 SMALLEST_PICTURE = 32  # pixels; people in smaller ones are mere dots
@@ -143,8 +144,7 @@ def run_demo(
         ("frames", frames, 1),
         ("workers", 1 if workers is None else workers, 1),
     ):
-        if value < least:
-            raise InvalidInputError(f"{name} is {value}; the demo needs at least {least}.")
+        as_count(value, name, least=least)
     if min(image_size) < SMALLEST_PICTURE:
         raise InvalidInputError(
             f"The image size is {image_size[0]} x {image_size[1]} pixels; the demo needs at least "

@@ -14,6 +14,7 @@ import numpy as np
 from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, shortened
 
 Unit = Literal["m", "cm", "mm", "ft", "arbitrary"]
+Method = Literal["default", "paper", "evidence"]
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
 TO_LOCALIZE = "Give the boxes to catfree localize."
 

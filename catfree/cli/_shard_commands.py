@@ -4,9 +4,10 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from catfree.cli._inputs import (
+    Method,
     Unit,
     network_file,
     open_detector,
@@ -38,7 +39,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
         silent: Path | None = None,
         detector: Path | None = None,
         embedder: Path | None = None,
-        method: Literal["default", "paper", "evidence"] = "default",
+        method: Method = "default",
     ) -> None:
         """Cut a long recording into shards and write them to a plan.
 

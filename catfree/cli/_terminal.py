@@ -22,6 +22,7 @@ OPTIONS = {
     "Pass a detector": "Give --detector, a detector",
     "cf.run_shard": "catfree shard",
     "again with cf.shards": "again with catfree plan",
+    "cf.viz.plot_heat_map draws it": "The picture is written beside it",
 }
 OFFSETS = re.compile(r"pass offsets=\(([-\d, ]+)\)")
 

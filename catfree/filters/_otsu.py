@@ -58,7 +58,10 @@ def _best_split(
     size = statistic.shape[0]
     member = jnp.arange(size) < count
     total = jnp.maximum(count, 1).astype(statistic.dtype)
-    # Centered and scaled to 1, sums of many float32 values stay accurate and cannot overflow.
+    # Centered and scaled to 1, sums of many float32 values stay accurate and cannot overflow; the
+    # difference of two large values could.
+    is_large = jnp.any(member & (jnp.abs(statistic) > 1))
+    statistic = jnp.where(is_large, statistic / 2, statistic)
     middle = statistic[jnp.maximum(count - 1, 0) // 2]
     centered = jnp.where(member, statistic - jnp.where(member, middle, statistic), 0)
     scale = jnp.max(jnp.abs(centered))

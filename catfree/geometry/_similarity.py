@@ -39,8 +39,17 @@ class Similarity(eqx.Module):
     translation: Float[HostOrDevice, " dim"]
 
     def __init__(self, scale: Any, rotation: Any, translation: Any) -> None:
-        """Store as JAX arrays of one dtype."""
+        """Store as JAX arrays of one dtype.
+
+        Raises:
+            InvalidInputError: if the scale is a number that is not positive.
+        """
         self.scale, self.rotation, self.translation = float_arrays(scale, rotation, translation)
+        if not is_traced(self.scale) and not np.all(np.asarray(self.scale) > 0):
+            raise InvalidInputError(
+                f"The scale of a similarity is {self.scale}; it must be positive. A mirrored frame "
+                "is not similar: flip one of its axes first."
+            )
 
     def __call__(self, points: Real[HostOrDevice, "*batch dim"]) -> Float[Array, "*batch dim"]:
         """Move points (..., D) from the source frame to the target frame."""

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError, quoted
-from catfree.types._validation import as_float, as_integer, require_finite
+from catfree.types._validation import as_float, as_integer, as_number, as_positive, require_finite
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 # Seconds: 2001 counted from 1970. No recording lasts as long, so larger times are absolute.
@@ -44,15 +44,10 @@ class Clock:
         Raises:
             InvalidInputError: if a value is not a finite number, or the rate is not positive.
         """
-        rate = _number(frame_rate, "frame_rate")
-        if rate <= 0:
-            raise InvalidInputError(
-                f"frame_rate is {rate:g}; a clock needs a positive number of frames per second."
-            )
         if not isinstance(utc, bool | np.bool_):
             raise InvalidInputError(f"utc is {quoted(utc)}; it must be true or false.")
-        object.__setattr__(self, "frame_rate", rate)
-        object.__setattr__(self, "start", _number(start, "start"))
+        object.__setattr__(self, "frame_rate", as_positive(frame_rate, "frame_rate"))
+        object.__setattr__(self, "start", as_number(start, "start"))
         object.__setattr__(self, "utc", bool(utc))
 
     def seconds(self, frame: Any) -> Float[np.ndarray, "..."]:
@@ -141,11 +136,3 @@ def require_clock(clock: Any) -> Clock | None:
             f"clock must be a Clock or None, got {type(clock).__name__}. Pass cf.Clock(frame_rate)."
         )
     return clock
-
-
-def _number(value: Any, name: str) -> float:
-    number = np.asarray(as_float(value), np.float64)
-    if number.shape != ():
-        raise InvalidInputError(f"{name} of a clock must be one number, got shape {number.shape}.")
-    require_finite(number, name)
-    return float(number)

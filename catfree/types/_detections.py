@@ -11,11 +11,13 @@ from jaxtyping import Bool, Float, Int
 from catfree.errors import InvalidInputError, MissingDependencyError, quoted, shortened
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
+from catfree.types._sampling import select_rows
 from catfree.types._validation import (
     as_boolean,
     as_count,
     as_float,
     as_integer,
+    as_rows,
     first_index,
     require_boxes,
     require_finite,
@@ -76,8 +78,7 @@ class Detections(eqx.Module):
         """
         self.frame = as_integer(frame, "frame")
         self.camera = as_integer(camera, "camera")
-        boxes = np.asarray(as_float(box))
-        self.box = boxes.reshape(0, 4) if boxes.size == 0 else boxes
+        self.box = as_rows(box, 4, "box")
         self.score = None if score is None else np.asarray(as_float(score))
         self.ankles_confirmed = (
             None if ankles_confirmed is None else as_boolean(ankles_confirmed, "ankles_confirmed")
@@ -126,12 +127,7 @@ class Detections(eqx.Module):
 
     def __getitem__(self, rows: Any) -> "Detections":
         """Select rows by a slice, a boolean mask or an integer array, in that order."""
-        chosen = np.arange(len(self))[rows].reshape(-1)
-        columns = {name: value for name, value in vars(self).items() if name != "clock"}
-        return Detections(
-            **{name: None if value is None else value[chosen] for name, value in columns.items()},
-            clock=self.clock,
-        )
+        return select_rows(self, len(self), rows)
 
     @property
     def height(self) -> Float[np.ndarray, " n"]:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from catfree.errors import InvalidInputError
-from catfree.types._validation import as_float, as_number, require_finite, require_shape
+from catfree.types._validation import as_finite, as_float, as_number, as_positive, require_shape
 
 # The ellipsoid of WGS 84.
 _EQUATOR, _FLATTENING = 6378137.0, 1 / 298.257223563
@@ -41,14 +41,11 @@ class GeoReference:
         Raises:
             InvalidInputError: if a number is not finite, or no place on Earth.
         """
-        for name in ("longitude", "latitude", "heading", "meters_per_unit"):
+        for name in ("longitude", "latitude", "heading"):
             as_number(getattr(self, name), f"{name} of a georeference")
-        origin = as_float(self.origin)
-        require_shape(origin, (2,), "origin of a georeference")
-        require_finite(origin, "origin of a georeference")
+        as_finite(self.origin, (2,), "origin of a georeference")
+        as_positive(self.meters_per_unit, "meters_per_unit of a georeference")
         _require_on_earth(np.array([[self.longitude, self.latitude]]))
-        if self.meters_per_unit <= 0:
-            raise InvalidInputError("meters_per_unit of a georeference must be positive.")
 
     @classmethod
     def from_anchors(cls, xy: ArrayLike, longitude_latitude: ArrayLike) -> "GeoReference":
@@ -62,9 +59,7 @@ class GeoReference:
             InvalidInputError: if there are fewer than two different points, a value is not finite
                 or no place on Earth, or the points are farther than 50 km apart.
         """
-        points = np.asarray(as_float(xy), np.float64)
-        require_shape(points, (None, 2), "xy")
-        require_finite(points, "xy")
+        points = as_finite(xy, (None, 2), "xy")
         degrees = _degrees(longitude_latitude)
         require_shape(degrees, (len(points), 2), "longitude_latitude")
         if len(points) < 2 or np.ptp(points, axis=0).max() == 0:
@@ -90,8 +85,7 @@ class GeoReference:
         Raises:
             InvalidInputError: if they are not six valid numbers.
         """
-        array = np.asarray(as_float(values), np.float64)
-        require_shape(array, (6,), "georeference")
+        array = as_finite(values, (6,), "georeference")
         longitude, latitude, heading, x, y, unit = array.tolist()
         return cls(longitude, latitude, heading, (x, y), unit)
 
@@ -157,9 +151,7 @@ class GeoReference:
 
 
 def _degrees(longitude_latitude: ArrayLike) -> Float[np.ndarray, "n 2"]:
-    degrees = np.asarray(as_float(longitude_latitude), np.float64)
-    require_shape(degrees, (None, 2), "longitude_latitude")
-    require_finite(degrees, "longitude_latitude")
+    degrees = as_finite(longitude_latitude, (None, 2), "longitude_latitude")
     _require_on_earth(degrees)
     return degrees
 

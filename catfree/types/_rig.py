@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.errors import InvalidInputError, quoted
 from catfree.types._annotations import HostOrDevice
 from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._sampling import select_rows
 from catfree.types._validation import (
     as_boolean,
     as_float,
@@ -141,33 +142,7 @@ class Rig(eqx.Module):
         if (self.image_size <= 0).any():
             at = first_index(self.image_size <= 0)
             raise InvalidInputError(f"image_size[{at}] must be a positive number of pixels.")
-        K = np.asarray(self.K, np.float64)
-        focal_bad = self.registered & ~((K[:, 0, 0] > 0) & (K[:, 1, 1] > 0))
-        form_bad = self.registered & ~(
-            (np.abs(K[:, 2, 2] - 1) < 1e-6)
-            & (np.abs(K[:, [1, 2, 2], [0, 0, 1]]) < 1e-6 * np.abs(K[:, :1, 0])).all(-1)
-        )
-        if focal_bad.any():
-            raise InvalidInputError(
-                f"K[{first_index(focal_bad)}] has a focal length that is not positive."
-            )
-        if form_bad.any():
-            raise InvalidInputError(
-                f"K[{first_index(form_bad)}] is not of the form [[fx, s, cx], [0, fy, cy], "
-                "[0, 0, 1]]. Divide by K[2, 2], and check that it is not transposed."
-            )
-        R = np.asarray(self.R, np.float64)
-        with np.errstate(invalid="ignore", over="ignore"):
-            error = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
-            turn = np.linalg.det(R)
-        rotation_bad = self.registered & ~((error < ROTATION_TOLERANCE) & (turn > 0))
-        if rotation_bad.any():
-            at = int(np.argmax(rotation_bad))
-            raise InvalidInputError(
-                f"R[{at}] is not a rotation (|R Rᵀ - I| = {error[at]:.3g}, det = "
-                f"{turn[at]:.3g}). A determinant of -1 means a mirrored frame: flip "
-                "one world axis."
-            )
+        require_cameras(self.K, self.R, self.registered)
 
     def _check_rays(self, rays: np.ndarray) -> None:
         if min(rays.shape[1:3]) < FEWEST_NODES:
@@ -209,10 +184,7 @@ class Rig(eqx.Module):
 
     def select(self, cameras: Any) -> "Rig":
         """Select cameras by boolean mask or indices, in that order."""
-        chosen = np.arange(self.camera_count)[cameras].reshape(-1)
-        return Rig(
-            **{name: None if value is None else value[chosen] for name, value in vars(self).items()}
-        )
+        return select_rows(self, self.camera_count, cameras)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one `.npz` file (no pickle).
@@ -234,6 +206,44 @@ class Rig(eqx.Module):
         required, optional = RIG_FIELDS
         arrays = load_arrays(path, "Rig", required=required, optional=optional)
         return naming_file(path, lambda: cls(**arrays))
+
+
+def require_cameras(K: Any, R: Any, registered: Bool[np.ndarray, " cam"]) -> None:
+    """Raise at the first registered camera without valid intrinsics or rotation.
+
+    Args:
+        K: (C, 3, 3) intrinsics.
+        R: (C, 3, 3) rotations.
+        registered: (C,) which cameras to look at.
+
+    Raises:
+        InvalidInputError: naming it.
+    """
+    K, R = np.asarray(K, np.float64), np.asarray(R, np.float64)
+    focal_bad = registered & ~((K[:, 0, 0] > 0) & (K[:, 1, 1] > 0))
+    form_bad = registered & ~(
+        (np.abs(K[:, 2, 2] - 1) < 1e-6)
+        & (np.abs(K[:, [1, 2, 2], [0, 0, 1]]) < 1e-6 * np.abs(K[:, :1, 0])).all(-1)
+    )
+    if focal_bad.any():
+        raise InvalidInputError(
+            f"K[{first_index(focal_bad)}] has a focal length that is not positive."
+        )
+    if form_bad.any():
+        raise InvalidInputError(
+            f"K[{first_index(form_bad)}] is not of the form [[fx, s, cx], [0, fy, cy], "
+            "[0, 0, 1]]. Divide by K[2, 2], and check that it is not transposed."
+        )
+    with np.errstate(invalid="ignore", over="ignore"):
+        error = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
+        turn = np.linalg.det(R)
+    rotation_bad = registered & ~((error < ROTATION_TOLERANCE) & (turn > 0))
+    if rotation_bad.any():
+        at = int(np.argmax(rotation_bad))
+        raise InvalidInputError(
+            f"R[{at}] is not a rotation (|R Rᵀ - I| = {error[at]:.3g}, det = {turn[at]:.3g}). A "
+            "determinant of -1 means a mirrored frame: flip one world axis."
+        )
 
 
 def _as_lens(lens: Any, count: int) -> np.ndarray | None:

@@ -1,7 +1,30 @@
-"""Evenly spread subsets of rows, pairs of rows, and the spacing of frames."""
+"""Subsets of rows, rows of a picture, pairs of rows, and the spacing of frames."""
+
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Int, Shaped
+
+T = TypeVar("T")
+
+
+def select_rows(record: T, count: int, rows: Any) -> T:
+    """Select rows of all columns of a dataclass, in the order of `rows`.
+
+    Args:
+        record: whose fields are arrays of `count` rows, None, or a `clock`.
+        count: their number.
+        rows: a slice, a boolean mask, an index or an integer array.
+    """
+    chosen = np.arange(count)[rows].reshape(-1)
+    columns: dict[str, Any] = vars(record)
+    selected = {
+        name: column[chosen]
+        for name, column in columns.items()
+        if column is not None and name != "clock"
+    }
+    return replace(record, **selected)  # type: ignore[type-var]
 
 
 def evenly_spread(rows: Shaped[np.ndarray, "n *rest"], most: int) -> Shaped[np.ndarray, "m *rest"]:
@@ -22,6 +45,21 @@ def evenly_spread(rows: Shaped[np.ndarray, "n *rest"], most: int) -> Shaped[np.n
 def frame_step(frames: Int[np.ndarray, " frame"]) -> int:
     """Return the median step between sorted frame numbers (F,); 1 for fewer than two."""
     return max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+
+
+def rows_of_picture(
+    frames: Int[np.ndarray, " n"], cameras: Int[np.ndarray, " n"], frame: int, camera: int
+) -> Int[np.ndarray, " k"]:
+    """Find the rows of one picture in a table sorted by frame; the other frames cost nothing.
+
+    Args:
+        frames: (n,) frame of each row, in order.
+        cameras: (n,) camera of each row.
+        frame: of the picture.
+        camera: of the picture.
+    """
+    begin, end = np.searchsorted(frames, [frame, frame + 1])
+    return begin + np.flatnonzero(cameras[begin:end] == camera)
 
 
 def expand_ranges(

@@ -5,7 +5,7 @@ import errno
 import os
 import types
 import typing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import AbstractArray, jaxtyped
 
-from catfree.errors import InvalidInputError, quoted
+from catfree.errors import InvalidInputError, quoted, shortened
 
 T = TypeVar("T")
 
@@ -91,21 +91,47 @@ def as_instances(values: Any, kind: type[T], name: str) -> list[T]:
     return listed
 
 
-def require_list(value: Any, name: str) -> None:
-    """Raise unless this has a length and members, such as one name per camera."""
-    if not (hasattr(value, "__len__") and hasattr(value, "__getitem__")):
-        raise InvalidInputError(f"{name} must be a list, got {type(value).__name__}.")
+def require_names(
+    names: Any, cameras: int, name: str = "camera_names", *, distinct: bool = False
+) -> None:
+    """Raise unless there is one name per camera, or no names at all.
 
+    Args:
+        names: of the cameras, or None.
+        cameras: their number.
+        name: of the argument, for messages.
+        distinct: whether names must be text that tells the cameras apart.
 
-def require_names(names: Sequence[str] | None, cameras: int) -> None:
-    """Raise unless there is one name per camera, or no names at all."""
+    Raises:
+        InvalidInputError: naming the argument.
+    """
     if names is None:
         return
-    require_list(names, "camera_names")
+    if not (hasattr(names, "__len__") and hasattr(names, "__getitem__")):
+        raise InvalidInputError(f"{name} must be a list, got {type(names).__name__}.")
     if len(names) != cameras:
+        raise InvalidInputError(f"{name} has {len(names)} names, but there are {cameras} cameras.")
+    if not distinct:
+        return
+    for camera, one in enumerate(names):
+        if not (isinstance(one, str) and is_text(one)):
+            raise InvalidInputError(
+                f"The name of camera {camera} is {shortened(ascii(one))}; it must be text that "
+                "UTF-8 can hold."
+            )
+    if len(set(names)) < len(names):
         raise InvalidInputError(
-            f"camera_names has {len(names)} names, but there are {cameras} cameras."
+            f"Two cameras have the same name: {shortened(', '.join(names))}. Rename one of them."
         )
+
+
+def is_text(name: str) -> bool:
+    """Return whether a name can be written as UTF-8; paths in another encoding cannot."""
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _rows_in(value: Any) -> str | None:
@@ -199,10 +225,7 @@ def as_positive(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is anything else.
     """
-    number = _finite_number(value)
-    if number is None or not number > 0:
-        raise InvalidInputError(f"{name} is {quoted(value)}; it must be a positive number.")
-    return number
+    return _as_number(value, name, "a positive number", above=0.0)
 
 
 def as_number(value: Any, name: str) -> float:
@@ -211,10 +234,7 @@ def as_number(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is anything else.
     """
-    number = _finite_number(value)
-    if number is None:
-        raise InvalidInputError(f"{name} is {quoted(value)}; it must be a finite number.")
-    return number
+    return _as_number(value, name, "a finite number")
 
 
 def as_duration(value: Any, name: str) -> float:
@@ -223,28 +243,35 @@ def as_duration(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is anything else.
     """
-    number = _finite_number(value)
-    if number is None or number < 0:
-        raise InvalidInputError(
-            f"{name} must be a number of seconds, 0 or more, got {quoted(value)}."
-        )
-    return number
+    return _as_number(value, name, "a number of seconds, 0 or more", least=0.0)
 
 
-def _finite_number(value: Any) -> float | None:
-    """The value as a float, or None if it is not one finite number."""
+def _as_number(
+    value: Any, name: str, meaning: str, *, least: float = -np.inf, above: float = -np.inf
+) -> float:
+    """Return one finite number that is at least `least` and above `above`."""
     number = _as_array(value)
-    if number.shape != () or number.dtype.kind not in "fiu" or not np.isfinite(number):
-        return None
+    is_number = number.shape == () and number.dtype.kind in "fiu" and bool(np.isfinite(number))
+    if not (is_number and number >= least and number > above):
+        given = number.item() if number.shape == () else value
+        raise InvalidInputError(f"{name} is {quoted(given)}; it must be {meaning}.")
     return float(number)
 
 
-def as_point(value: Any, name: str) -> np.ndarray:
-    """Convert to one finite point in space, (3,) float64."""
-    point = np.asarray(as_float(value), np.float64)
-    require_shape(point, (3,), name)
-    require_finite(point, name)
-    return point
+def as_finite(value: Any, shape: tuple[int | None, ...], name: str) -> np.ndarray:
+    """Convert to finite float64 numbers of this shape, None standing for any length."""
+    array = np.asarray(as_float(value), np.float64)
+    require_shape(array, shape, name)
+    require_finite(array, name)
+    return array
+
+
+def as_rows(value: Any, width: int, name: str) -> np.ndarray:
+    """Convert to floats of shape (N, width) on the host; nothing at all is (0, width)."""
+    rows = np.asarray(as_float(value))
+    rows = rows.reshape(0, width) if rows.size == 0 else rows
+    require_shape(rows, (None, width), name)
+    return rows
 
 
 def as_boolean(value: Any, name: str) -> np.ndarray:
@@ -272,7 +299,11 @@ def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
 
 
 def require_boxes(
-    count: int, box: np.ndarray, score: np.ndarray | None, keypoints: np.ndarray | None
+    count: int,
+    box: np.ndarray,
+    score: np.ndarray | None,
+    keypoints: np.ndarray | None,
+    place: Callable[[int], str] | None = None,
 ) -> None:
     """Raise at the first box without area, score outside [0, 1] or number that is not finite.
 
@@ -281,15 +312,16 @@ def require_boxes(
         box: (N, 4) x1, y1, x2, y2.
         score: (N,) or None.
         keypoints: (N, 17, 3) or None.
+        place: names a box in messages; None for its index.
     """
     require_shape(box, (count, 4), "box")
     require_finite(box, "box")
     empty = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
     if empty.any():
         at = int(np.argmax(empty))
+        name = f"box[{at}]" if place is None else place(at)
         raise InvalidInputError(
-            f"box[{at}] is {box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels (xyxy, not "
-            "xywh)."
+            f"{name} is {box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels (xyxy, not xywh)."
         )
     if score is not None:
         require_shape(score, (count,), "score")
@@ -297,7 +329,8 @@ def require_boxes(
         outside = (score < 0) | (score > 1)
         if outside.any():
             at = int(np.argmax(outside))
-            raise InvalidInputError(f"score[{at}] is {score[at]}; it must be in [0, 1].")
+            name = f"score[{at}]" if place is None else f"The score of {place(at)}"
+            raise InvalidInputError(f"{name} is {score[at]}; it must be in [0, 1].")
     if keypoints is not None:
         require_shape(keypoints, (count, 17, 3), "keypoints")
         require_finite(keypoints, "keypoints")

@@ -98,12 +98,18 @@ def write_heat_map(path: str | os.PathLike[str], heat: HeatMap) -> Path:
         The path.
 
     Raises:
-        InvalidInputError: if the folder does not exist.
+        InvalidInputError: if the folder does not exist, or the path is that of a picture.
         WriteError: if the disk is full or not writable.
     """
+    target = Path(path)
+    if target.suffix.lower() == ".png":
+        raise InvalidInputError(
+            f"The table of a heat map is a CSV file, not {target}: name "
+            f"{target.with_suffix('.csv')}. cf.viz.plot_heat_map draws it."
+        )
     row, column = np.nonzero(np.isfinite(heat.positions))
     lines = [
         f"{heat.x[c]:.10g},{heat.y[r]:.10g},{heat.positions[r, c]:.0f}"
         for r, c in zip(row, column, strict=True)
     ]
-    return write_text_atomically(Path(path), "\n".join(["x,y,positions", *lines]) + "\n")
+    return write_text_atomically(target, "\n".join(["x,y,positions", *lines]) + "\n")

@@ -534,7 +534,7 @@ def test_words_that_make_no_sense_exit_with_two(capsys):
 @pytest.mark.slow
 def test_results_that_cannot_be_written(outcome, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(CatFreeError, match=r"Cannot write .*out"):
+    with pytest.raises(CatFreeError, match=r"Cannot make the folder .*out"):
         write_results(tmp_path / "file" / "out", outcome, pictures=False)
 
 

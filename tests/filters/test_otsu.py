@@ -221,6 +221,9 @@ def test_large_floats_do_not_overflow(dtype):
     largest = np.finfo(dtype).max / 100  # its square does not exist
     assert filters.otsu(np.array([0, largest / 4, largest], dtype)) > largest / 4
     assert np.isfinite(filters.log_otsu(np.array([largest / 4, largest], dtype)))
+    end = np.finfo(dtype).max  # twice of which does not exist
+    assert filters.otsu_separability(np.array([-end, -end, end], dtype)) > 0.99
+    assert filters.otsu(np.array([-end, -end / 2, end], dtype)) > -end / 2
 
 
 @pytest.mark.parametrize("draw", ["lognormal", "two clumps", "far from zero"])

@@ -278,6 +278,12 @@ def test_the_fit_says_that_points_are_not_finite():
         geometry.fit_similarity(points, points)
 
 
+@pytest.mark.parametrize("scale", [-1.0, 0.0, np.nan])
+def test_a_scale_is_positive(scale):
+    with pytest.raises(InvalidInputError, match=f"scale of a similarity is {scale}"):
+        Similarity(scale, np.eye(3), np.zeros(3))
+
+
 def test_what_cannot_be_moved_is_told_so():
     rig = Rig(np.eye(3)[None], np.eye(3)[None], np.zeros((1, 3)), (9, 9))
     ground = Plane([0.0, 0.0, 1.0], 1.0)

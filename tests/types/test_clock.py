@@ -73,12 +73,12 @@ def test_it_names_its_zero():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ((0,), "frame_rate is 0; a clock needs a positive"),
+        ((0,), "frame_rate is 0; it must be a positive number"),
         ((-5.0,), "frame_rate is -5"),
-        ((np.inf,), "frame_rate is not finite"),
-        ((5, np.nan), "start is not finite"),
-        (([5, 5],), r"frame_rate of a clock must be one number, got shape \(2,\)"),
-        (("fast",), "Expected numbers"),
+        ((np.inf,), "frame_rate is inf; it must be a positive number"),
+        ((5, np.nan), "start is nan; it must be a finite number"),
+        (([5, 5],), r"frame_rate is \[5, 5\]; it must be a positive number"),
+        (("fast",), "frame_rate is 'fast'; it must be a positive number"),
         ((5, 0, "yes"), "utc is 'yes'; it must be true or false"),
     ],
 )

@@ -1,7 +1,7 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.types._sampling import evenly_spread, frame_step
+from catfree.types._sampling import evenly_spread, frame_step, rows_of_picture
 
 
 @given(st.integers(0, 300), st.integers(1, 120))
@@ -26,3 +26,13 @@ def test_spread_rows_keep_their_columns():
 def test_the_step_of_frames_is_their_usual_distance():
     assert frame_step(np.array([0, 40, 80, 200, 240])) == 40
     assert frame_step(np.array([7])) == frame_step(np.zeros(0, int)) == 1
+
+
+@given(st.integers(0, 10**6), st.integers(0, 60), st.integers(0, 9), st.integers(0, 3))
+def test_rows_of_a_picture_are_those_of_its_frame_and_camera(seed, n, frame, camera):
+    rng = np.random.default_rng(seed)
+    frames, cameras = np.sort(rng.integers(0, 8, n)), rng.integers(0, 3, n)
+    np.testing.assert_array_equal(
+        rows_of_picture(frames, cameras, frame, camera),
+        np.flatnonzero((frames == frame) & (cameras == camera)),
+    )

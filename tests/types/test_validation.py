@@ -426,7 +426,9 @@ def test_what_is_not_one_finite_number_is_refused(value):
 
 def test_a_duration_is_not_negative():
     assert (as_number(np.int32(-2), "time"), as_duration(0, "lag")) == (-2.0, 0.0)
-    with pytest.raises(InvalidInputError, match="number of seconds, 0 or more, got -2"):
+    with pytest.raises(
+        InvalidInputError, match="lag is -2; it must be a number of seconds, 0 or more"
+    ):
         as_duration(-2, "lag")
 
 

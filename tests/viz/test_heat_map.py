@@ -106,6 +106,8 @@ def test_the_file_has_the_cells_that_are_shown(tmp_path):
     assert lines == ["x,y,positions", "0.5,0.5,2"]
     nobody = heat_map(tracks_of([], []), 1.0)
     assert write_heat_map(tmp_path / "heat.csv", nobody).read_text() == "x,y,positions\n"
+    with pytest.raises(InvalidInputError, match=r"name .*heat\.csv"):
+        write_heat_map(tmp_path / "heat.PNG", heat)  # the picture's place
 
 
 @pytest.mark.slow

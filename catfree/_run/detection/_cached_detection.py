@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from catfree._run._cache import StageCache, code_hash
 from catfree._run.detection._camera_detectors import CameraDetectors, Instant
-from catfree._run.detection._rows_of_picture import rows_of_picture
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (
     BatchDetector,
@@ -30,6 +29,7 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, join_descriptions
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
+from catfree.types._sampling import rows_of_picture
 
 # Instants per piece. A network on a CPU needs about a minute for six cameras: the most that a kill
 # loses.

@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree._run.detection._camera_detectors import CameraDetectors
-from catfree._run.detection._rows_of_picture import rows_of_picture
 from catfree.adapters.protocols import Embedder, GuidedDetector, Image
 from catfree.adapters.video._detect_videos import Seen, collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
@@ -22,6 +21,7 @@ from catfree.geometry import CanonicalFrame
 from catfree.geometry._person import edges_of, heights_in_rig, people_in_rig
 from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Detections, Localization, Scene
+from catfree.types._sampling import rows_of_picture
 
 FEWEST_HEIGHTS = 5  # boxes needed to estimate the height of a single person
 EDGE = 2.0  # pixels: a box closer to the image border is cut

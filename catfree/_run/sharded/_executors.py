@@ -21,8 +21,9 @@ from catfree._run._worker import (
 from catfree._run.sharded._join import join_shards
 from catfree._run.sharded._receipt import recording_folder, remove_beyond
 from catfree._run.sharded._run_shard import run_shard
-from catfree._run.sharded._shard import Shard, StrPath
+from catfree._run.sharded._shard import Shard
 from catfree._run.sharded._stored_tracks import StoredTracks
+from catfree.adapters.files._documents import StrPath
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError, quoted
 from catfree.settings import Settings
@@ -166,9 +167,7 @@ def spawned_workers(count: int | None = None) -> Iterator[Executor]:
     Raises:
         InvalidInputError: if the count is less than 1.
     """
-    most = default_workers() if count is None else as_count(count, "workers")
-    if most < 1:
-        raise InvalidInputError(f"workers is {most}; it must be at least 1.")
+    most = default_workers() if count is None else as_count(count, "workers", least=1)
     # Not fork, with which JAX deadlocks.
     context = multiprocessing.get_context("spawn")
     environment = worker_environment()

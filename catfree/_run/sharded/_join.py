@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import catfree
-from catfree._run._cache import from_arrays
+from catfree._run._cache import load_value
 from catfree._run.sharded._identities import Identities, Pairs, identify_recording
 from catfree._run.sharded._overlap import ShardPositions, match_tracks
 from catfree._run.sharded._plan_file import read_plan
@@ -28,9 +28,9 @@ from catfree._run.sharded._receipt import (
     require_scene_file,
 )
 from catfree._run.sharded._run_shard import PLACES, ShardSummary
-from catfree._run.sharded._shard import StrPath
 from catfree._run.sharded._stored_tracks import StoredTracks, open_tracks
 from catfree.adapters.files._documents import (
+    StrPath,
     require_folder,
     write_text_atomically,
 )
@@ -40,7 +40,6 @@ from catfree.errors import FileFormatError, InvalidInputError
 from catfree.methods.evidence.report._working_area import UsualPlace, usual_place
 from catfree.settings import EvidenceSettings
 from catfree.types import Tracks
-from catfree.types._archive import load_arrays
 from catfree.types.results import require_pyarrow, symmetric
 
 INSTANTS = 20_000  # at most so many teach the working area: an hour at five per second
@@ -86,7 +85,7 @@ def join_shards(out: StrPath) -> StoredTracks:
     first = receipts[0]
     require_scene_file(folder, first.scene_file)
     (folder / MANIFEST).unlink(missing_ok=True)  # it says that the table is complete
-    summaries = [_read_summary(folder, receipt) for receipt in receipts]
+    summaries = [load_value(files_of(folder, r.index).fragments, ShardSummary) for r in receipts]
     matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]
     identities = identify_recording(
         [summary.fragments for summary in summaries], [s.habits for s in summaries], matched
@@ -175,11 +174,6 @@ def read_receipts(folder: Path) -> list[Receipt]:
     return receipts
 
 
-def _read_summary(folder: Path, receipt: Receipt) -> ShardSummary:
-    path = files_of(folder, receipt.index).fragments
-    return from_arrays(ShardSummary, load_arrays(path, ShardSummary.__name__, required=None))
-
-
 def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
     """Match two neighboring shards in the frames that both saw."""
     one, two = (
@@ -192,7 +186,7 @@ def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
 def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> ShardPositions:
     names = ["frame", "track_id", "x", "y", "cov_xx", "cov_xy", "cov_yy"]
     column = _columns(folder, receipt, names, first, stop)
-    covariance = symmetric(*(column[f"cov_{axes}"] for axes in ("xx", "xy", "yy")))
+    covariance = symmetric(column, "cov")
     tracked = column["track_id"] >= 0
     return ShardPositions(
         column["frame"][tracked],

@@ -7,8 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from catfree._run.sharded._shard import Shard, StrPath
-from catfree.adapters.files._documents import read_json, require_schema, write_text_atomically
+from catfree._run.sharded._shard import Shard
+from catfree.adapters.files._documents import (
+    StrPath,
+    read_json,
+    require_schema,
+    write_text_atomically,
+)
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock
 from catfree.types._validation import as_path, require_declared_types
@@ -47,19 +52,12 @@ def write_plan(path: StrPath, plan: PlanFile) -> Path:
         InvalidInputError: if a shard holds its boxes in memory: save them to a file first.
         WriteError: if the disk is full or not writable.
     """
-    rows = []
-    for shard in plan.shards:
-        if not isinstance(shard.detections, str | None):
-            raise InvalidInputError(
-                "A plan in a file needs its boxes in a file. Save them with Detections.save or "
-                "cf.adapters.write_detections_parquet, and pass the path to cf.shards."
-            )
-        rows.append({field.name: getattr(shard, field.name) for field in dataclasses.fields(shard)})
-        rows[-1]["clock"] = dataclasses.asdict(shard.clock)
-    document = {"schema": _SCHEMA} | {
-        field.name: getattr(plan, field.name) for field in dataclasses.fields(plan)
-    }
-    document["shards"] = rows
+    if not all(isinstance(shard.detections, str | None) for shard in plan.shards):
+        raise InvalidInputError(
+            "A plan in a file needs its boxes in a file. Save them with Detections.save or "
+            "cf.adapters.write_detections_parquet, and pass the path to cf.shards."
+        )
+    document = {"schema": _SCHEMA} | dataclasses.asdict(plan)
     return write_text_atomically(path, json.dumps(document, indent=1) + "\n")
 
 

@@ -7,8 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from catfree._run.sharded._shard import Shard, StrPath
-from catfree.adapters.files._documents import read_json, require_schema, write_text_atomically
+from catfree._run.sharded._shard import Shard
+from catfree.adapters.files._documents import (
+    StrPath,
+    read_json,
+    require_schema,
+    write_text_atomically,
+)
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.settings import EvidenceSettings

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Int
 
-from catfree._run._cache import code_hash, content_hash, to_arrays
+from catfree._run._cache import code_hash, content_hash, save_value
 from catfree._run._run import run_stages
 from catfree._run._stages import everywhere, localize_people
 from catfree._run._stitch import Fragments, Habits, collect_fragments, learn_habits
@@ -29,14 +29,13 @@ from catfree._run.sharded._receipt import (
 )
 from catfree._run.sharded._shard import (
     Shard,
-    StrPath,
     boxes_of_shard,
     open_shard_videos,
     silent_pictures,
 )
 from catfree.adapters.calibration_files._rig_json import scene_text
 from catfree.adapters.files._camera_names import names_of_files
-from catfree.adapters.files._documents import write_text_atomically
+from catfree.adapters.files._documents import StrPath, write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file, hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.adapters.tables._parquet import write_parquet
@@ -44,7 +43,6 @@ from catfree.calibration import Verdict, check
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Tracks
-from catfree.types._archive import save_arrays
 from catfree.types._processes import require_own_process
 from catfree.types._scene import require_scene
 from catfree.types._validation import require_instance, shown_camera
@@ -174,7 +172,7 @@ def write_shard(
     habits = learn_habits(reported, fragments)
     # What nobody reads any more is not kept: appearance recognizes people.
     summary = ShardSummary(dataclasses.replace(fragments, halves=None), habits)
-    save_arrays(files.fragments, ShardSummary.__name__, to_arrays(summary))
+    save_value(files.fragments, summary)
     receipt = Receipt(
         schema=SCHEMA,
         index=shard.index,

@@ -14,6 +14,7 @@ from jaxtyping import Int
 
 from catfree._run._cache import content_hash
 from catfree._run._input_checks import require_distinct_videos
+from catfree.adapters.files._documents import StrPath
 from catfree.adapters.files._fingerprint import hash_parameters, hash_samples
 from catfree.adapters.tables._detections_table import (
     clock_of,
@@ -26,7 +27,6 @@ from catfree.errors import InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._validation import as_duration, as_path, as_pictures, as_positive
 
-StrPath = str | os.PathLike[str]
 MOST_SHARDS = 1_000_000
 
 

@@ -20,7 +20,6 @@ from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._shard import (
     Shard,
-    StrPath,
     boxes_of_shard,
     open_recording,
     open_shard_videos,
@@ -37,7 +36,8 @@ from catfree.adapters.calibration_files._rig_json import (
 from catfree.adapters.datasets import read_missing_pictures, read_scene
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.datasets._scene_files import METERS, Unit
-from catfree.adapters.files._camera_names import names_of_files
+from catfree.adapters.files._camera_names import names_of_files, numbered_names
+from catfree.adapters.files._documents import StrPath
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.files._toml import read_toml
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
@@ -479,8 +479,7 @@ def _footage(
         return videos, detect_videos(videos, finder)
     boxes = boxes_of_shard(shard)
     size = camera_sizes(boxes, np.array(site.image_size))
-    names = tuple(f"C{camera + 1}" for camera in range(len(size)))
-    return CameraBoxes(boxes, names, size, silent_pictures(shard)), boxes
+    return CameraBoxes(boxes, numbered_names(len(size)), size, silent_pictures(shard)), boxes
 
 
 def _spread(plan: Sequence[Shard]) -> list[Shard]:

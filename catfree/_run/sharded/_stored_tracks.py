@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from catfree._run.sharded._receipt import MANIFEST, MANIFEST_SCHEMA, require_scene_file
-from catfree._run.sharded._shard import StrPath
 from catfree.adapters.calibration_files._rig_json import read_scene_json
-from catfree.adapters.files._documents import read_json, require_folder, require_schema
+from catfree.adapters.files._documents import StrPath, read_json, require_folder, require_schema
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened

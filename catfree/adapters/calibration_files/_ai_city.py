@@ -7,17 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files._named_rig import (
+    FileCamera,
+    NamedRig,
+    rig_of,
+    writable_cameras,
+)
 from catfree.adapters.calibration_files._projection_matrices import (
     decomposed,
     projection_matrix,
-    require_undistorted,
 )
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
+    list_of,
     naming_file,
     numbers,
+    numbers_of,
     read_json,
     text_of,
     write_text_atomically,
@@ -48,20 +54,19 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
         FileFormatError: if it is not JSON of this form.
     """
     source = as_path(path, "path")
-    sensors = entry(read_json(source, "calibration"), "sensors", source, "the file")
-    if not isinstance(sensors, list):
-        raise FileFormatError(f"{source}: sensors must be a list.")
-    names, matrices, sizes = [], [], []
+    document = read_json(source, "calibration")
+    sensors = list_of(entry(document, "sensors", source, "the file"), source, "sensors")
+    names, cameras = [], []
     for at, sensor in enumerate(sensors):
         where = f"sensor {at}"
-        names.append(text_of(entry(sensor, "id", source, where), source, f"the id of {where}"))
+        name = text_of(entry(sensor, "id", source, where), source, f"the id of {where}")
         if sensor.get("type", "camera") != "camera":
-            names.pop()
             continue
-        sizes.append(_image_size(sensor, source, where) or image_size)
+        names.append(name)
+        size = _image_size(sensor, source, where) or image_size
         if "intrinsicMatrix" in sensor and "extrinsicMatrix" in sensor:
-            K = numbers(sensor["intrinsicMatrix"], (3, 3), source, f"intrinsicMatrix of {where}")
-            pose = numbers(sensor["extrinsicMatrix"], None, source, f"extrinsicMatrix of {where}")
+            K = numbers_of(sensor, "intrinsicMatrix", (3, 3), source, where)
+            pose = numbers_of(sensor, "extrinsicMatrix", None, source, where)
             if pose.size == 16:
                 if (pose[12:] != [0, 0, 0, 1]).any():
                     raise FileFormatError(
@@ -70,15 +75,14 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
                     )
                 pose = pose[:12]
             pose = numbers(pose, (3, 4), source, f"extrinsicMatrix of {where}")
-            matrices.append((K, pose[:, :3], pose[:, 3]))
+            R, t = pose[:, :3], pose[:, 3]
         else:
-            matrix = entry(sensor, "cameraMatrix", source, where)
-            matrix = numbers(matrix, (3, 4), source, f"cameraMatrix of {where}")
-            matrices.append(naming_file(source, lambda matrix=matrix: decomposed(matrix)))
+            matrix = numbers_of(sensor, "cameraMatrix", (3, 4), source, where)
+            K, R, t = decomposed(matrix, source)
+        cameras.append(FileCamera(K, R, t, size))
     if not names:
         raise FileFormatError(f"{source} holds no camera.")
-    K, R, t = (np.stack(stack) for stack in zip(*matrices, strict=True))
-    rig = naming_file(source, lambda: Rig(K, R, t, np.array(sizes)))
+    rig = rig_of(cameras, source)
     return naming_file(source, lambda: NamedRig(rig, tuple(names)))
 
 
@@ -101,8 +105,7 @@ def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -
             match the cameras, or the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
-    rig, labels = registered_cameras(rig, names, path)
-    require_undistorted(rig, labels, path)
+    rig, labels = writable_cameras(rig, names, path, ideal=True)
     sensors = []
     for camera, label in enumerate(labels):
         projection = projection_matrix(rig, camera)

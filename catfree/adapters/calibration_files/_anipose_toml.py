@@ -10,13 +10,12 @@ from scipy.spatial.transform import Rotation
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
     lens_coefficients,
-    require_coefficients,
 )
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    registered_cameras,
     rig_of,
+    writable_cameras,
 )
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._documents import (
@@ -24,6 +23,7 @@ from catfree.adapters.files._documents import (
     entry,
     naming_file,
     numbers,
+    numbers_of,
     text_of,
     write_text_atomically,
 )
@@ -66,18 +66,17 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     file_cameras = []
     for key, camera in cameras.items():
         where = f"camera [{shortened(key)}]"
-        fields = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
-        fields |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
         fisheye = camera.get("fisheye", False)
         if not isinstance(fisheye, bool):
             raise FileFormatError(
                 f"{source}: fisheye of {where} is {quoted(fisheye)}; it must be true or false."
             )
         lens = Lens.FISHEYE if fisheye else Lens.PINHOLE
-        K = numbers(fields["matrix"], (3, 3), source, f"matrix of {where}")
-        size = numbers(fields["size"], (2,), source, f"size of {where}")
-        R = rotation_from_vector(fields["rotation"], source, f"rotation of {where}")
-        t = numbers(fields["translation"], (3,), source, f"translation of {where}")
+        K = numbers_of(camera, "matrix", (3, 3), source, where)
+        size = numbers_of(camera, "size", (2,), source, where)
+        rotation = entry(camera, "rotation", source, where)
+        R = rotation_from_vector(rotation, source, f"rotation of {where}")
+        t = numbers_of(camera, "translation", (3,), source, where)
         values = camera.get("distortions", [])
         coefficients = numbers(values, None, source, f"distortions of {where}")
         distortion = lens_coefficients(coefficients, source, where, lens)
@@ -114,8 +113,7 @@ def write_anipose_toml(
             number.
     """
     scale = as_positive(metres_per_unit, "metres_per_unit")
-    rig, labels = registered_cameras(rig, names, path)
-    require_coefficients(rig, labels, path)
+    rig, labels = writable_cameras(rig, names, path)
     lines = []
     for at, name in enumerate(labels):
         width, height = rig.image_size[at]

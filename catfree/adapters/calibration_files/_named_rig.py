@@ -7,12 +7,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Num
 
-from catfree.adapters.calibration_files._distortion import distortion_of
-from catfree.adapters.files._camera_names import is_text
+from catfree.adapters.calibration_files._distortion import (
+    distortion_of,
+    require_coefficients,
+    require_undistorted,
+)
+from catfree.adapters.files._camera_names import numbered_names
 from catfree.adapters.files._documents import StrPath, naming_file
-from catfree.errors import InvalidInputError, shortened
+from catfree.errors import InvalidInputError
 from catfree.types import Lens, Rig
-from catfree.types._validation import require_instance, require_list
+from catfree.types._validation import require_instance, require_names
+
+_IDEAL = np.zeros(8)
 
 
 class FileCamera(NamedTuple):
@@ -30,9 +36,9 @@ class FileCamera(NamedTuple):
     K: Float[np.ndarray, "3 3"]
     R: Float[np.ndarray, "3 3"]
     t: Float[np.ndarray, "3"]
-    image_size: Num[np.ndarray, "2"]
-    distortion: Float[np.ndarray, "8"]
-    lens: Lens
+    image_size: Num[np.ndarray, "2"] | tuple[int, int]
+    distortion: Float[np.ndarray, "8"] = _IDEAL
+    lens: Lens = Lens.PINHOLE
 
 
 def rig_of(cameras: Sequence[FileCamera], source: StrPath) -> Rig:
@@ -69,31 +75,24 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
             equal, or one is not text.
     """
     require_instance(rig, Rig, "rig")
-    if names is None:
-        return tuple(f"C{camera + 1}" for camera in range(rig.camera_count))
-    require_list(names, "names")
-    if len(names) != rig.camera_count:
-        raise InvalidInputError(f"Got {len(names)} names for {rig.camera_count} cameras.")
-    for camera, name in enumerate(names):
-        if not (isinstance(name, str) and is_text(name)):
-            raise InvalidInputError(
-                f"The name of camera {camera} is {shortened(ascii(name))}; it must be text that "
-                "UTF-8 can hold."
-            )
-    if len(set(names)) < len(names):
-        raise InvalidInputError(
-            f"Two cameras have the same name: {shortened(', '.join(names))}. Rename one of them."
-        )
-    return tuple(names)
+    require_names(names, rig.camera_count, "names", distinct=True)
+    return numbered_names(rig.camera_count) if names is None else tuple(names)
 
 
-def registered_cameras(
-    rig: Rig, names: Sequence[str] | None, target: StrPath
+def writable_cameras(
+    rig: Rig, names: Sequence[str] | None, target: StrPath, *, ideal: bool = False
 ) -> tuple[Rig, tuple[str, ...]]:
     """Select the registered cameras in float64, for formats that cannot hold others.
 
+    Args:
+        rig: the cameras.
+        names: (C,) names; C1, C2, ... if None.
+        target: what is written, for messages.
+        ideal: whether the format has no coefficients of a lens.
+
     Raises:
-        InvalidInputError: if no camera is registered, or the names do not match the cameras.
+        InvalidInputError: if no camera is registered, the names do not match the cameras, or a
+            registered one has a lens that the format cannot hold.
     """
     require_instance(rig, Rig, "rig")
     registered = np.flatnonzero(rig.registered)
@@ -107,4 +106,6 @@ def registered_cameras(
         selected,
         **{k: None if v is None else np.asarray(v, np.float64) for k, v in columns.items()},
     )
-    return exact, tuple(labels[camera] for camera in registered)
+    chosen = tuple(labels[camera] for camera in registered)
+    (require_undistorted if ideal else require_coefficients)(exact, chosen, target)
+    return exact, chosen

@@ -4,7 +4,6 @@ OpenCV's own parser is not used, because it cannot read the bare text of some pu
 and damaged files can crash the process.
 """
 
-import json
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from catfree.adapters.files._documents import StrPath, numbers, read_text
+from catfree.adapters.files._documents import StrPath, numbers, parse_json, read_text
 from catfree.errors import FileFormatError, quoted
 from catfree.types._validation import as_path
 
@@ -114,7 +113,7 @@ def _xml_entries(text: str) -> Iterable[tuple[str, Any]]:
 
 
 def _json_entries(text: str) -> Iterable[tuple[str, Any]]:
-    for name, value in json.loads(text).items():
+    for name, value in parse_json(text).items():
         is_matrix = isinstance(value, dict) and value.get("type_id") == _MATRIX
         yield name, value["data"] if is_matrix else value
 

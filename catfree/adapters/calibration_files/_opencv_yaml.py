@@ -9,13 +9,12 @@ import numpy as np
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
     lens_coefficients,
-    require_coefficients,
 )
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    registered_cameras,
     rig_of,
+    writable_cameras,
 )
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_storage
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
@@ -130,8 +129,7 @@ def write_opencv_yaml(
         InvalidInputError: if the folder does not exist, no camera is registered, a camera is a grid
             of rays, or the names do not match the cameras.
     """
-    rig, labels = registered_cameras(rig, names, folder)
-    require_coefficients(rig, labels, folder)
+    rig, labels = writable_cameras(rig, names, folder)
     paths = []
     for at, name in enumerate(file_names(labels)):
         width, height = rig.image_size[at]

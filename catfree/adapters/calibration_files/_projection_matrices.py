@@ -7,13 +7,16 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import rq
 
-from catfree.adapters.calibration_files._distortion import require_undistorted
-from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files._named_rig import (
+    FileCamera,
+    NamedRig,
+    rig_of,
+    writable_cameras,
+)
 from catfree.adapters.calibration_files._opencv_storage import read_storage
 from catfree.adapters.files._camera_names import file_names, names_of_files
 from catfree.adapters.files._documents import (
     StrPath,
-    naming_file,
     numbers,
     write_text_atomically,
 )
@@ -50,9 +53,9 @@ def read_mv3dt(
         if PROJECTION not in values:
             raise FileFormatError(f"{source} has no {PROJECTION!r} from the world to pixels.")
         matrix = numbers(values[PROJECTION], (3, 4), source, PROJECTION)
-        cameras.append(naming_file(source, lambda matrix=matrix: decomposed(matrix)))
-    K, R, t = (np.stack(part) for part in zip(*cameras, strict=True))
-    rig = naming_file(", ".join(s.name for s in sources), lambda: Rig(K, R, t, image_size))
+        K, R, t = decomposed(matrix, source)
+        cameras.append(FileCamera(K, R, t, image_size))
+    rig = rig_of(cameras, ", ".join(source.name for source in sources))
     return NamedRig(rig, tuple(names_of_files(sources)))
 
 
@@ -83,8 +86,7 @@ def write_mv3dt(
     """
     height = as_positive(person_height, "person_height")
     radius = as_positive(person_radius, "person_radius")
-    rig, labels = registered_cameras(rig, names, folder)
-    require_undistorted(rig, labels, folder)
+    rig, labels = writable_cameras(rig, names, folder, ideal=True)
     root = make_folder(folder)
     files = []
     for camera, label in enumerate(file_names(labels)):
@@ -104,18 +106,20 @@ def projection_matrix(rig: Rig, camera: int) -> Float[np.ndarray, "3 4"]:
 
 
 def decomposed(
-    projection: Float[np.ndarray, "3 4"],
+    projection: Float[np.ndarray, "3 4"], source: StrPath
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
     """Split a projection matrix of any scale into K, R and t.
 
     Raises:
-        InvalidInputError: if it is not that of a camera at a finite place.
+        InvalidInputError: naming the source, if it is not that of a camera at a finite place.
     """
     KR = projection[:, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         scale = np.cbrt(np.linalg.det(KR))
     if not (np.isfinite(scale) and abs(scale) > 1e-9 * np.abs(KR).max(initial=0) > 0):
-        raise InvalidInputError("The projection matrix is not that of a camera at a finite place.")
+        raise InvalidInputError(
+            f"{source}: The projection matrix is not that of a camera at a finite place."
+        )
     K, R = rq(KR / scale)
     sign = np.diag(np.sign(np.diag(K)))  # a positive focal length; the determinant of R is 1
     K, R = K @ sign, sign @ R

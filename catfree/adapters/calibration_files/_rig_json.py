@@ -13,8 +13,10 @@ from catfree.adapters.calibration_files._named_rig import NamedRig, default_name
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
+    list_of,
     naming_file,
     numbers,
+    numbers_of,
     read_json,
     text_of,
     write_text_atomically,
@@ -124,17 +126,17 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
     document = read_json(source, "scene")
     named = _read_rig(document, source)
     ground = entry(document, "ground", source, "the file")
-    normal = numbers(entry(ground, "normal", source, "ground"), (3,), source, "the normal")
-    offset = numbers(entry(ground, "offset", source, "ground"), (), source, "the offset")
-    extent = numbers(entry(document, "extent", source, "the file"), (), source, "the extent")
+    normal = numbers_of(ground, "normal", (3,), source, "ground")
+    offset = numbers_of(ground, "offset", (), source, "ground")
+    extent = numbers_of(document, "extent", (), source, "the file")
     metric = document["units"] == _UNITS[True]
     sd = document.get("rig_sd")
     sd = None if sd is None else float(numbers(sd, (), source, "rig_sd"))
     earth = document.get("georeference")
     if earth is not None:
         names = [field.name for field in dataclasses.fields(GeoReference)]
-        values = [entry(earth, name, source, "georeference") for name in names]
-        earth = np.concatenate([numbers(v, None, source, "the georeference") for v in values])
+        values = [numbers_of(earth, name, None, source, "georeference") for name in names]
+        earth = np.concatenate(values)
 
     def build() -> Scene:
         georeference = None if earth is None else GeoReference.of_array(earth)
@@ -179,9 +181,9 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
         raise FileFormatError(
             f"{source} has units {quoted(units)}; they must be 'm' or 'arbitrary'."
         )
-    cameras = entry(document, "cameras", source, "the file")
-    if not isinstance(cameras, list) or not cameras:
-        raise FileFormatError(f"{source}: cameras must be a list with at least one camera.")
+    cameras = list_of(entry(document, "cameras", source, "the file"), source, "cameras")
+    if not cameras:
+        raise FileFormatError(f"{source} holds no camera.")
     names, K, R, t, size, lens, kinds, registered = [], [], [], [], [], [], [], []
     rays: list[np.ndarray | None] = []
     stated: list[bool] = []
@@ -195,8 +197,7 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
                 f"{quoted(registered[-1])}; it must be true or false."
             )
         for values, key, shape in ((K, "K", (3, 3)), (R, "R", (3, 3)), (t, "t", (3,))):
-            value, place = entry(camera, key, source, where), f"{key} of {where}"
-            values.append(numbers(value, shape, source, place, finite=registered[-1]))
+            values.append(numbers_of(camera, key, shape, source, where, finite=registered[-1]))
         pair = [entry(camera, key, source, where) for key in ("width", "height")]
         size.append(numbers(pair, (2,), source, f"the image size of {where}"))
         values = camera.get("distortion")

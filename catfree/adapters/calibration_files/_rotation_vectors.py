@@ -19,10 +19,10 @@ def rotation_from_vector(value: Any, source: StrPath, where: str) -> np.ndarray:
 
     Raises:
         FileFormatError: if it is not three numbers.
-        InvalidInputError: if one of them is above a full turn, as angles in degrees are.
+        InvalidInputError: if it turns by more than a full turn, as angles in degrees do.
     """
     vector = numbers(value, (3,), source, where)
-    if (np.abs(vector) > 2 * np.pi).any():
+    if np.linalg.norm(vector) > 2 * np.pi:
         raise InvalidInputError(
             f"{source}: {where} is {vector.tolist()}, more than a full turn. A rotation vector is "
             "in radians; convert it from degrees."

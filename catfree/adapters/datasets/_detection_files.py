@@ -1,7 +1,5 @@
 """`read_detections`: the boxes of all cameras from files in any format that the library reads."""
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -13,9 +11,11 @@ from jaxtyping import Int
 
 from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.files._camera_names import (
+    files_ending,
     is_numbered,
     names_of_files,
     natural_order,
+    numbered_names,
     positions_of,
 )
 from catfree.adapters.files._documents import (
@@ -23,13 +23,12 @@ from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
     read_json,
-    read_text,
 )
+from catfree.adapters.files._text_rows import read_csv
 from catfree.adapters.tables._coco import is_coco, read_coco
 from catfree.adapters.tables._detections_table import (
-    list_columns,
     open_detections_table,
-    read_detections_parquet,
+    optional_columns,
     rows_of,
 )
 from catfree.adapters.tables._motchallenge import read_mot
@@ -122,9 +121,8 @@ def read_detections(
                 "the cameras."
             )
         camera_index = list(range(len(boxes.camera_names)))
-    columns = vars(boxes.detections)
-    columns = columns | {"camera": np.array(camera_index, np.int64)[boxes.detections.camera]}
-    return Detections(**columns), tuple(camera_names)
+    camera = np.array(camera_index, np.int64)[boxes.detections.camera]
+    return replace(boxes.detections, camera=camera), tuple(camera_names)
 
 
 def read_camera_boxes(
@@ -169,31 +167,34 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
     source = as_path(path, "path")
     if not source.is_file():
         raise InvalidInputError(f"There is no file {source} of missing pictures.")
-    first_row = 0
+    lines: Sequence[int]
     if source.suffix.lower() == ".parquet":
         columns = read_parquet(source, "missing pictures")
-        table: dict[str, Any] | None = values_of(columns, columns.column_names, source)
+        table: dict[str, Any] = values_of(columns, columns.column_names, source)
+        lines = range(1, len(columns) + 1)
     else:
-        table, first_row = _table_of(source), 2  # the header is row 1, as in its messages
-    plain = _plain_names([] if table is None else list(table), source)
+        words = read_csv(source, "missing pictures")
+        _plain_names(words.header, source)
+        table, lines = words.columns(), words.lines
+    plain = _plain_names(list(table), source)
     frame, camera = _first(_FRAME, plain), _first(_CAMERA, plain)
-    if table is None or frame is None or camera is None:
+    if frame is None or camera is None:
         raise FileFormatError(
             f"{source} is not a table of missing pictures: it has no columns frame and camera."
         )
     camera_index = {str(index): index for index in range(len(camera_names))}
     camera_index |= {name: index for index, name in enumerate(camera_names)}
-    words = [str(word).strip() for word in table[plain[camera]]]
-    for row, word in enumerate(words, first_row):
+    cameras = [str(word).strip() for word in table[plain[camera]]]
+    for line, word in zip(lines, cameras, strict=True):
         if word not in camera_index:
             raise FileFormatError(
-                f"{source}, row {row}: there is no camera {quoted(word)} among "
+                f"{source}, line {line}: there is no camera {quoted(word)} among "
                 f"{shortened(', '.join(camera_names))}."
             )
     frames = naming_file(
         source, lambda: as_integer(_numbers(table[plain[frame]], plain[frame], source), "frame")
     )
-    return np.column_stack([frames, np.array([camera_index[word] for word in words], np.int64)])
+    return np.column_stack([frames, np.array([camera_index[word] for word in cameras], np.int64)])
 
 
 def holds_boxes(path: StrPath) -> bool:
@@ -209,7 +210,7 @@ def holds_boxes(path: StrPath) -> bool:
 
 def has_images(folder: Path) -> bool:
     """Return whether a folder holds images, as that of a camera."""
-    return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
+    return bool(files_ending(folder, IMAGE_SUFFIXES))
 
 
 def _files_of(source: Path) -> list[Path]:
@@ -257,9 +258,10 @@ def _read(path: Path) -> _Part:
             boxes = replace(boxes, clock=Clock(sequence.fps * float(np.median(step))))
         return _Part(boxes, sequence.camera_names, sequence.image_size)
     if suffix == ".csv":
-        table = _table_of(path)
-        if table is not None:
-            return _part_of_table(table, path)
+        table = read_csv(path, "boxes")
+        if not all(map(_is_number, table.header)):
+            _plain_names(table.header, path)
+            return _part_of_table(table.columns(), path)
     if suffix not in SUFFIXES:
         raise FileFormatError(
             f"{path} is not a file of boxes that is known: {', '.join(SUFFIXES)}."
@@ -274,41 +276,14 @@ def _part_of_coco(path: Path, images: Path | None) -> _Part:
 
 def _part_of_parquet(path: Path) -> _Part:
     if path.is_dir():
-        opened = open_detections_table(path)
-        import pyarrow
-
-        if pyarrow.types.is_integer(opened.schema.field("camera").type):
-            return _Part(read_detections_parquet(path))
-        table = rows_of(opened, path)
+        table = rows_of(open_detections_table(path), path)
     else:
         table = read_parquet(path, "boxes")
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]
-    columns = values_of(table, plain, path)
-    if set(columns) >= {"frame", "camera", *_BOXES[0][1]} and columns["camera"].dtype.kind in "iu":
-        return _Part(read_detections_parquet(path))
-    part = _part_of_table(columns, path)
-    lists = list_columns(table, path)
-    detections = naming_file(path, lambda: replace(part.detections, **lists))
+    part = _part_of_table(values_of(table, plain, path), path)
+    options = optional_columns(table, path)
+    detections = naming_file(path, lambda: replace(part.detections, **options))
     return replace(part, detections=detections)
-
-
-def _table_of(path: Path) -> dict[str, Any] | None:
-    """Read the columns of a CSV file, or None if it has no header."""
-    try:
-        rows = [row for row in csv.reader(io.StringIO(read_text(path, "boxes"))) if any(row)]
-    except csv.Error as error:
-        raise FileFormatError(f"{path} is not CSV: {quoted(error)}.") from error
-    header = [word.strip() for word in rows[0]] if rows else []
-    if all(_is_number(word) for word in header):
-        return None
-    _plain_names(header, path)
-    for line, row in enumerate(rows[1:], start=2):
-        if len(row) != len(header):
-            raise FileFormatError(
-                f"{path}: row {line} has {len(row)} columns instead of {len(header)}."
-            )
-    columns = list(zip(*rows[1:], strict=True)) or [()] * len(header)
-    return dict(zip(header, columns, strict=True))
 
 
 def _is_number(word: str) -> bool:
@@ -382,15 +357,18 @@ def _first(wanted: Sequence[str], known: dict[str, str]) -> str | None:
 
 
 def _numbers(values: Any, name: str, path: Path) -> np.ndarray:
+    """Numbers of a column, which may be text; what is neither is left to `Detections`."""
     array = np.asarray(values)
+    if array.dtype.kind not in "OSU":
+        return array
     try:
         if array.dtype.kind == "U":
+            # Floats hold 53 bits of a whole number, such as a time in nanoseconds.
             return array.astype(np.int64)
     except (ValueError, OverflowError):  # fractions, or no numbers at all
         pass
     try:
-        # Floats hold 53 bits of a whole number, such as a time in nanoseconds.
-        return array if array.dtype.kind in "iu" else np.asarray(values, np.float64)
+        return array.astype(np.float64)
     except (TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path}: column {quoted(name)} holds a value that is not a number ({quoted(error)})."
@@ -403,9 +381,7 @@ def _joined(parts: list[_Part], files: list[Path]) -> CameraBoxes:
     if all(alone):
         names = _without_common_end(names_of_files(files))
         moved = [
-            Detections(
-                **(vars(part.detections) | {"camera": np.full(len(part.detections), camera)})
-            )
+            replace(part.detections, camera=np.full(len(part.detections), camera))
             for camera, part in enumerate(parts)
         ]
         sizes = [part.size for part in parts if part.size is not None]
@@ -424,7 +400,7 @@ def _joined(parts: list[_Part], files: list[Path]) -> CameraBoxes:
     names = first.names
     if names is None:
         count = int(detections.camera.max(initial=-1)) + 1
-        names = tuple(f"C{camera + 1}" for camera in range(count))
+        names = numbered_names(count)
     return CameraBoxes(detections, names, first.size)
 
 

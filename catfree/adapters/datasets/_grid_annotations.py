@@ -3,13 +3,20 @@
 import dataclasses
 import re
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from catfree.adapters.datasets._sequence import MultiViewSequence, metric_scene
-from catfree.adapters.files._documents import entry, is_whole, numbers, read_json
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.adapters.files._documents import (
+    entry,
+    is_whole,
+    list_of,
+    numbers,
+    read_json,
+    whole_number,
+)
+from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Rig
 
 InvalidBoxes = Literal["raise", "drop"]
@@ -118,23 +125,22 @@ def read_annotations(
     truth: list[tuple[float, ...]] = []
     for frame, source in files.items():
         people = read_json(source, f"annotations of frame {frame}")
-        if not isinstance(people, list):
-            raise FileFormatError(f"{source} must hold a list of people.")
-        for index, person in enumerate(people):
+        for index, person in enumerate(list_of(people, source, "the file")):
             where = f"person {index} of frame {frame}"
-            identity = _whole(entry(person, "personID", source, where), source, where)
-            cell = _whole(entry(person, "positionID", source, where), source, where)
+            identity, cell = (
+                whole_number(entry(person, key, source, where), source, f"{key} of {where}")
+                for key in ("personID", "positionID")
+            )
             if not 0 <= cell < grid.columns * grid.rows:
                 raise InvalidInputError(
                     f"{source}: {where} has positionID {cell}, outside "
                     f"0..{grid.columns * grid.rows - 1}."
                 )
             views = entry(person, "views", source, where)
-            if not isinstance(views, list):
-                raise FileFormatError(f"{source}: the views of {where} must be a list.")
             is_seen = False
-            for view in views:
-                camera = _whole(entry(view, "viewNum", source, where), source, where)
+            for view in list_of(views, source, f"views of {where}"):
+                number = entry(view, "viewNum", source, where)
+                camera = whole_number(number, source, f"viewNum of {where}")
                 if not 0 <= camera < len(camera_names):
                     raise InvalidInputError(
                         f"{source}: {where} has viewNum {camera}, but there are "
@@ -216,11 +222,3 @@ def image_numbers(folder: Path, camera_names: tuple[str, ...]) -> np.ndarray:
     """List the int64 numbers of the images of any camera, ascending."""
     of_cameras = (numbered_files(folder / name, "png|jpe?g") for name in camera_names)
     return np.array(sorted(set().union(*of_cameras)), np.int64)
-
-
-def _whole(value: Any, source: Path, where: str) -> int:
-    if not (isinstance(value, int) and is_whole(value)):
-        raise FileFormatError(
-            f"{source}: {where} has {quoted(value)} instead of a whole number below 2^53."
-        )
-    return value

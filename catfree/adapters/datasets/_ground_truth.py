@@ -1,8 +1,7 @@
 """True positions from files, with the protocol by which a benchmark scores them."""
 
-import csv
-import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -22,7 +21,8 @@ from catfree.adapters.datasets._multiviewx import (
 )
 from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.datasets._wildtrack import CAMERAS, GRID as WILDTRACK
-from catfree.adapters.files._documents import StrPath, read_json, read_text
+from catfree.adapters.files._documents import StrPath, read_json
+from catfree.adapters.files._text_rows import read_csv
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types._validation import as_path
 
@@ -152,15 +152,8 @@ def _read_csv(path: Path) -> np.ndarray:
         FileFormatError: if a column is missing, or a line (which it names) has too few or too many
             columns or a value that is not a number.
     """
-    reader = csv.reader(io.StringIO(read_text(path, "ground truth")))
-    try:
-        words = ((reader.line_num, [word.strip() for word in row]) for row in reader)
-        lines = [(line, row) for line, row in words if row not in ([], [""])]
-    except csv.Error as error:
-        raise FileFormatError(
-            f"{path}: line {reader.line_num} is not CSV: {quoted(error)}."
-        ) from error
-    header = lines[0][1] if lines else []
+    table = read_csv(path, "ground truth")
+    header = table.header
     # Tracks of one run can serve as the truth of another.
     identity = "track_id" if "track_id" in header else "id"
     names = [identity if name == "id" else name for name in COLUMNS]
@@ -170,23 +163,16 @@ def _read_csv(path: Path) -> np.ndarray:
             f"{path} has no column {missing[0]!r}; ground truth is a CSV file with a header and "
             f"the columns {', '.join(COLUMNS)}."
         )
-    if len(lines) == 1:
+    if not table.rows:
         raise FileFormatError(
             f"{path} has a header but no rows: there is no truth to compare with."
         )
-    columns = [header.index(name) for name in names]
-    rows = []
-    for line, words in lines[1:]:
-        if len(words) != len(header):
-            raise FileFormatError(
-                f"{path}: line {line} has {len(words)} columns instead of {len(header)}. Separate "
-                "columns by commas and write decimals with a point."
-            )
-        rows.append(_row_of([words[at] for at in columns], names, path, line))
-    return np.array(rows)
+    columns = table.columns()
+    rows = zip(table.lines, zip(*(columns[name] for name in names), strict=True), strict=True)
+    return np.array([_row_of(words, names, path, line) for line, words in rows])
 
 
-def _row_of(words: list[str], names: list[str], path: Path, line: int) -> list[float]:
+def _row_of(words: Sequence[str], names: list[str], path: Path, line: int) -> list[float]:
     row = []
     for name, word in zip(names, words, strict=True):
         try:

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
@@ -17,7 +18,8 @@ from catfree.adapters.datasets._grid_annotations import (
     read_annotations,
 )
 from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
-from catfree.adapters.files._documents import StrPath, naming_file, read_text, require_folder
+from catfree.adapters.files._documents import StrPath, naming_file, require_folder
+from catfree.adapters.files._text_rows import read_rows
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Rig
 
@@ -98,7 +100,7 @@ def read_multiviewx(
 
 
 def _read_rig(folder: Path) -> Rig:
-    K, R, t = [], [], []
+    cameras = []
     mirror, shift = np.diag([1.0, -1.0, 1.0]), np.array([0.0, _DEPTH, 0.0])
     center = np.array([GRID.area[1] / 2, GRID.area[3] / 2, 0.0])
     for camera, name in enumerate(CAMERA_NAMES, start=1):
@@ -116,10 +118,9 @@ def _read_rig(folder: Path) -> Rig:
                 "left-handed calibration. Read a corrected calibration with another reader."
             )
         # x = R' X' + t' with X = F X' + c mirrored, and -x is the same pixel at positive depth.
-        K.append(inner["camera_matrix"])
-        R.append(-published @ mirror)
-        t.append(published @ mirror @ shift - outer["tvec"])
-    return naming_file(folder, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), IMAGE_SIZE))
+        t = published @ mirror @ shift - outer["tvec"]
+        cameras.append(FileCamera(inner["camera_matrix"], -published @ mirror, t, IMAGE_SIZE))
+    return rig_of(cameras, folder)
 
 
 def first_annotation_number(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:
@@ -140,8 +141,12 @@ def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Anno
     for camera, name in enumerate(CAMERA_NAMES):
         pixels_path = folder / f"Camera{camera + 1}.txt"
         points_path = folder / f"Camera{camera + 1}_3d.txt"
-        pixels = _table(pixels_path, 2 + 2 * _CORNER_POINTS, f"image points of camera {name}")
-        points = _table(points_path, 2 + 3 * _CORNER_POINTS, f"world points of camera {name}")
+        pixels, points = (
+            read_rows(
+                path, f"{kind} points of camera {name}", (2 + axes * _CORNER_POINTS,), whole=2
+            )
+            for path, kind, axes in ((pixels_path, "image", 2), (points_path, "world", 3))
+        )
         if len(pixels) != len(points) or (pixels[:, :2] != points[:, :2]).any():
             raise FileFormatError(
                 f"{pixels_path} and {points_path} do not list the same people in each row."
@@ -168,23 +173,3 @@ def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Anno
         identity=identity,
         ground_truth=np.array(truth, np.float64).reshape(-1, 4),
     )
-
-
-def _table(path: Path, columns: int, meaning: str) -> np.ndarray:
-    """Read the (n, columns) numbers of a text file with one row per line."""
-    lines = [line.split() for line in read_text(path, meaning).splitlines() if line.strip()]
-    for at, line in enumerate(lines):
-        if len(line) != columns:
-            raise FileFormatError(
-                f"{path} ({meaning}): row {at} has {len(line)} columns instead of {columns}."
-            )
-    try:
-        table = np.array(lines, np.float64).reshape(-1, columns)
-    except ValueError as error:
-        raise FileFormatError(f"{path} ({meaning}) must hold numbers only.") from error
-    if not np.isfinite(table).all():
-        raise InvalidInputError(f"{path} ({meaning}) has a number that is not finite.")
-    index = table[:, :2]
-    if (np.abs(index) >= 2.0**53).any() or (index != np.round(index)).any():
-        raise FileFormatError(f"{path} ({meaning}): frame and person must be whole numbers.")
-    return table

@@ -5,11 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from catfree.adapters.datasets._sequence import MultiViewSequence
+from catfree.adapters.files._camera_names import numbered_names
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
+    list_of,
     naming_file,
     numbers,
+    numbers_of,
     read_json,
     read_npz,
     require_folder,
@@ -51,9 +54,9 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
         raise FileFormatError(f"{root / 'gt.npz'}: frame, id and xy differ in length.")
     ground_truth = np.concatenate(columns, axis=1)
     protocol = read_json(root / "eval.json", "evaluation protocol")
-    centers = entry(protocol, "true_centres", root / "eval.json", "the file")
-    area = entry(protocol, "area", root / "eval.json", "the file")
-    x_min, x_max, y_min, y_max = numbers(area, (4,), root / "eval.json", "area").tolist()
+    centers = (scene.rig.camera_count, 3)
+    area = numbers_of(protocol, "area", (4,), root / "eval.json", "the file")
+    x_min, x_max, y_min, y_max = area.tolist()
     cloud = root / "cloud.npz"
     return MultiViewSequence(
         name=root.resolve().name,
@@ -62,12 +65,10 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
         scene=scene,
         ground_truth=ground_truth,
         frames=np.arange(frame_count),
-        camera_names=tuple(f"C{camera + 1}" for camera in range(scene.rig.camera_count)),
+        camera_names=numbered_names(scene.rig.camera_count),
         fps=fps,
         evaluation_area=(x_min, x_max, y_min, y_max),
-        true_centres=numbers(
-            centers, (scene.rig.camera_count, 3), root / "eval.json", "true_centres"
-        ),
+        true_centres=numbers_of(protocol, "true_centres", centers, root / "eval.json", "the file"),
         points=(
             _rows(read_npz(cloud, "scene points", ("points",))["points"], 3, cloud, "points")
             if cloud.is_file()
@@ -83,22 +84,18 @@ def _rows(values: np.ndarray, columns: int, source: Path, name: str) -> np.ndarr
 
 def _read_scene(path: Path) -> tuple[Scene, float, int]:
     document = read_json(path, "rig")
-    keys = ("K", "R", "t", "image_size", "ground_normal", "ground_offset", "extent", "fps")
-    value = {key: entry(document, key, path, "the file") for key in (*keys, "frames")}
-    if not isinstance(value["K"], list):
-        raise FileFormatError(f"{path}: K must be a list with one matrix per camera.")
-    count = len(value["K"])
-    K = numbers(value["K"], (count, 3, 3), path, "K")
-    R = numbers(value["R"], (count, 3, 3), path, "R")
-    t = numbers(value["t"], (count, 3), path, "t")
-    normal = numbers(value["ground_normal"], (3,), path, "ground_normal")
-    offset = numbers(value["ground_offset"], (), path, "ground_offset")
-    extent = numbers(value["extent"], (), path, "extent")
-    size = numbers(value["image_size"], None, path, "image_size")
-    size = size if len(size) == 2 else numbers(size, (count, 2), path, "image_size")
-    fps = float(numbers(value["fps"], (), path, "fps"))
-    naming_file(path, lambda: as_positive(fps, "fps"))
-    frames = float(numbers(value["frames"], (), path, "frames"))
+
+    def value(key: str, *shape: int) -> np.ndarray:
+        return numbers_of(document, key, shape, path, "the file")
+
+    count = len(list_of(entry(document, "K", path, "the file"), path, "K"))
+    K, R, t = value("K", count, 3, 3), value("R", count, 3, 3), value("t", count, 3)
+    normal, offset = value("ground_normal", 3), value("ground_offset")
+    extent = value("extent")
+    size = numbers_of(document, "image_size", None, path, "the file")
+    size = size if len(size) == 2 else value("image_size", count, 2)
+    fps = naming_file(path, lambda: as_positive(float(value("fps")), "fps"))
+    frames = float(value("frames"))
     if not (0 <= frames <= _MOST_FRAMES and frames == int(frames)):
         raise FileFormatError(f"{path}: frames is {frames}; it must be the number of frames.")
     scene = naming_file(path, lambda: Scene(Rig(K, R, t, size), Plane(normal, offset), extent))

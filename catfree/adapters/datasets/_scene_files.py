@@ -22,7 +22,7 @@ from catfree.adapters.calibration_files._projection_matrices import PROJECTION
 from catfree.adapters.datasets._multiviewx import read_multiviewx
 from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.datasets._wildtrack import read_wildtrack
-from catfree.adapters.files._camera_names import natural_order
+from catfree.adapters.files._camera_names import files_ending
 from catfree.adapters.files._documents import StrPath, naming_file, read_json, read_text
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Plane, Rig, Scene
@@ -213,13 +213,12 @@ def _rig(source: Path, image_size: tuple[int, int] | None) -> tuple[NamedRig, Un
     if source.is_dir():
         if _is_model(source):
             return read_colmap(source), None
-        files = (p for p in source.iterdir() if p.suffix.lower() in PER_CAMERA)
-        visible = [p for p in files if not p.name.startswith(".")]
-        if not visible:
+        files = files_ending(source, PER_CAMERA)
+        if not files:
             raise InvalidInputError(
                 f"The folder {source} holds no calibration that is known: {FORMATS}."
             )
-        return _per_camera(sorted(visible, key=lambda p: natural_order(p.name)), image_size), None
+        return _per_camera(files, image_size), None
     suffix = source.suffix.lower()
     if suffix == ".toml":
         return read_anipose_toml(source), None

@@ -17,17 +17,19 @@ from catfree.adapters.datasets._sequence import (
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
-    is_whole,
+    list_of,
     naming_file,
     numbers,
+    numbers_of,
     read_json,
     read_npz,
     text_of,
+    whole_number,
 )
 from catfree.adapters.protocols import ankles_confirmed
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
-from catfree.types import Detections, Lens, Rig
-from catfree.types._validation import as_path
+from catfree.types import Detections, Rig
+from catfree.types._validation import as_float, as_path, as_positive, require_boxes
 
 
 def read_uniform_json(
@@ -62,8 +64,8 @@ def read_uniform_json(
     document = read_json(source, "sequence")
     if entry(document, "units", source, "the file") != "m":
         raise FileFormatError(f"{source} has units {quoted(document['units'])}; convert it to 'm'.")
-    cameras = _list(entry(document, "cameras", source, "the file"), source, "cameras")
-    records = _list(entry(document, "frames", source, "the file"), source, "frames")
+    cameras = list_of(entry(document, "cameras", source, "the file"), source, "cameras")
+    records = list_of(entry(document, "frames", source, "the file"), source, "frames")
     names = tuple(
         text_of(entry(c, "name", source, f"camera {i}"), source, f"the name of camera {i}")
         for i, c in enumerate(cameras)
@@ -84,11 +86,8 @@ def read_uniform_json(
     rig = _read_rig(cameras, source)
     fps = document.get("fps")
     if fps is not None:
-        fps = float(numbers(fps, (), source, "fps"))
-        if not fps > 0:
-            raise InvalidInputError(
-                f"{source}: fps is {fps}; it must be a positive number of frames per second."
-            )
+        rate = float(numbers(fps, (), source, "fps"))
+        fps = naming_file(source, lambda: as_positive(rate, "fps"))
     if rig is not None:
         require_people_in_front(rig, positions[:, 2:], source)
     return MultiViewSequence(
@@ -127,7 +126,7 @@ class _BoxTable:
                 f"not among its cameras {shortened(', '.join(self.camera_names))}."
             )
         for camera, name in enumerate(self.camera_names):
-            boxes = _list(views.get(name, []), self.source, f"{name} of frame {frame}")
+            boxes = list_of(views.get(name, []), self.source, f"{name} of frame {frame}")
             self.rows += [(frame, camera, index, box) for index, box in enumerate(boxes)]
 
     def place(self, row: int) -> str:
@@ -146,8 +145,8 @@ class _BoxTable:
             )
         values = [box[key] for *_, box in self.rows]
         try:
-            array = np.asarray(values, np.float64)
-        except (TypeError, ValueError, OverflowError):
+            array = np.asarray(as_float(values), np.float64)
+        except InvalidInputError:
             array = np.empty(0)
         if array.shape != (len(values), *shape):  # slow path only to name the offending box
             array = np.stack(
@@ -169,21 +168,10 @@ class _BoxTable:
         if box is None and self.rows:
             raise FileFormatError(f"{self.source}: {self.place(0)} has no 'box'.")
         box = np.empty((0, 4)) if box is None else box
-        empty = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
-        if empty.any():
-            at = int(np.argmax(empty))
-            raise InvalidInputError(
-                f"{self.source}: {self.place(at)} is {box[at].tolist()}; it must be x1 < x2, "
-                "y1 < y2 in pixels (xyxy). Correct or remove it."
-            )
         keypoints = self.column("kpts", (17, 3))
         ankles = None if keypoints is None else ankles_confirmed(keypoints)
         score = self.column("score", ())
-        if score is not None and not ((score >= 0) & (score <= 1)).all():
-            at = int(np.argmax((score < 0) | (score > 1)))
-            raise InvalidInputError(
-                f"{self.source}: {self.place(at)} has score {score[at]}; it must be in [0, 1]."
-            )
+        naming_file(self.source, lambda: require_boxes(len(box), box, score, keypoints, self.place))
         vectors = None if embedding is None else self.embedding(embedding)
         frame, camera = (np.array([row[at] for row in self.rows], np.int64) for at in (0, 1))
         return naming_file(
@@ -219,12 +207,11 @@ class _BoxTable:
         identities = [box.get("id") for *_, box in self.rows]
         if all(value is None for value in identities):
             return None
-        for at, value in enumerate(identities):
-            if value is not None and not is_whole(value):
-                raise FileFormatError(
-                    f"{self.source}: {self.place(at)} has id {quoted(value)}, not a whole number."
-                )
-        return np.array([-1 if value is None else value for value in identities], np.int64)
+        whole = [
+            -1 if value is None else whole_number(value, self.source, f"id of {self.place(at)}")
+            for at, value in enumerate(identities)
+        ]
+        return np.array(whole, np.int64)
 
 
 def _existing(folder: Path, name: Any) -> Path | None:
@@ -232,22 +219,13 @@ def _existing(folder: Path, name: Any) -> Path | None:
     return path if path is not None and os.path.isfile(path) else None
 
 
-def _list(value: Any, source: Path, where: str) -> list[Any]:
-    if not isinstance(value, list):
-        raise FileFormatError(f"{source}: {where} must be a list.")
-    return value
-
-
 def _frame_numbers(records: list[Any], source: Path) -> np.ndarray:
-    raw_numbers = [
-        entry(record, "frame", source, f"frames[{i}]") for i, record in enumerate(records)
+    places = [f"frames[{at}]" for at in range(len(records))]
+    whole = [
+        whole_number(entry(record, "frame", source, where), source, f"frame of {where}")
+        for record, where in zip(records, places, strict=True)
     ]
-    for at, value in enumerate(raw_numbers):
-        if not is_whole(value):
-            raise FileFormatError(
-                f"{source}: frames[{at}] has the number {quoted(value)}, not a whole number."
-            )
-    frames = np.array(raw_numbers, np.int64)
+    frames = np.array(whole, np.int64)
     distinct, counts = np.unique(frames, return_counts=True)
     if (counts > 1).any():
         raise FileFormatError(f"{source} holds frame {int(distinct[counts > 1][0])} twice.")
@@ -256,15 +234,12 @@ def _frame_numbers(records: list[Any], source: Path) -> np.ndarray:
 
 def _ground_truth(record: dict[str, Any], frame: int, source: Path) -> list[tuple]:
     rows = []
-    for at, person in enumerate(_list(record.get("gt") or [], source, f"gt of frame {frame}")):
+    for at, person in enumerate(list_of(record.get("gt") or [], source, f"gt of frame {frame}")):
         where = f"gt {at} of frame {frame}"
         xy = [entry(person, axis, source, where) for axis in ("x", "y")]
         x, y = numbers(xy, (2,), source, where)
         identity = -1 if person.get("id") is None else person["id"]
-        if not is_whole(identity):
-            raise FileFormatError(
-                f"{source}: {where} has id {quoted(identity)}, not a whole number."
-            )
+        identity = whole_number(identity, source, f"id of {where}")
         rows.append((frame, identity, x, y))
     return rows
 
@@ -276,14 +251,14 @@ def _read_rig(cameras: list[Any], source: Path) -> Rig | None:
     for camera in cameras:
         where = f"camera {shortened(str(camera['name']))}"
         K, R, t = (
-            numbers(entry(camera, key, source, where), shape, source, where)
+            numbers_of(camera, key, shape, source, where)
             for key, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,)))
         )
         pair = [entry(camera, key, source, where) for key in ("width", "height")]
         size = numbers(pair, (2,), source, where)
         values = numbers(camera.get("dist") or [], None, source, f"dist of {where}")
         distortion = lens_coefficients(values, source, where)
-        file_cameras.append(FileCamera(K, R, t, size, distortion, Lens.PINHOLE))
+        file_cameras.append(FileCamera(K, R, t, size, distortion))
     return rig_of(file_cameras, source)
 
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-import numpy as np
-
+from catfree.adapters.calibration_files._distortion import lens_coefficients
+from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
@@ -16,7 +16,7 @@ from catfree.adapters.datasets._grid_annotations import (
     read_annotations,
 )
 from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
-from catfree.adapters.files._documents import StrPath, naming_file, require_folder
+from catfree.adapters.files._documents import StrPath, require_folder
 from catfree.types import Rig
 
 # Folder C1 holds the images of the camera that calibration files call CVLab1, and so on.
@@ -87,7 +87,7 @@ def read_wildtrack(
 
 
 def _read_rig(folder: Path, undistorted: bool) -> Rig:
-    K, R, t, distortion = [], [], [], []
+    cameras = []
     for name, label in CAMERAS.items():
         kind = "intrinsic_zero" if undistorted else "intrinsic_original"
         inner = read_matrices(
@@ -97,11 +97,8 @@ def _read_rig(folder: Path, undistorted: bool) -> Rig:
         )
         path = folder / "extrinsic" / f"extr_{label}.xml"
         outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
-        K.append(inner["camera_matrix"])
-        distortion.append(inner["distortion_coefficients"])
-        R.append(rotation_from_vector(outer["rvec"], path, "'rvec'"))
-        t.append(outer["tvec"] * _METERS_PER_UNIT)
-    lens = np.stack(distortion) if np.any(distortion) else None
-    return naming_file(
-        folder, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), IMAGE_SIZE, distortion=lens)
-    )
+        R = rotation_from_vector(outer["rvec"], path, "'rvec'")
+        t = outer["tvec"] * _METERS_PER_UNIT
+        lens = lens_coefficients(inner["distortion_coefficients"], path, f"camera {name}")
+        cameras.append(FileCamera(inner["camera_matrix"], R, t, IMAGE_SIZE, lens))
+    return rig_of(cameras, folder)

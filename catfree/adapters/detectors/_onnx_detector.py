@@ -1,19 +1,40 @@
-"""Base class of detectors that run a network from an ONNX file."""
+"""Base class of detectors that run a network of one input size on pictures of any size."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
-from catfree.adapters.detectors._tiling import Tiles
-from catfree.adapters.detectors._window_detection import DecodedBoxes, WindowDetection
+import numpy as np
+from jaxtyping import Float
+
+from catfree.adapters.detectors._box_suppression import suppress_boxes
+from catfree.adapters.detectors._tiling import Tiles, Window, cut_by_window, tile_windows
 from catfree.adapters.files._fingerprint import hash_parameters
+from catfree.adapters.onnx._letterbox import Letterbox
 from catfree.adapters.onnx._onnx_session import OnnxGraph
-from catfree.adapters.protocols import FrameDetections, Image
+from catfree.adapters.protocols import FrameDetections, Image, as_image
 from catfree.errors import InvalidInputError
+
+# Two windows show the same person with different input pixels, so that their boxes agree less well
+# than two boxes of one pass; this is the usual criterion for the same object.
+OVERLAP_ACROSS_WINDOWS = 0.5
+# Boxes may end up to half the finest stride of these networks (8 px) away from the edge of a tile.
+CUT_MARGIN = 4.0
+
+
+class DecodedBoxes(NamedTuple):
+    """Confident rows of a network's output for one input picture, in input pixels."""
+
+    box: Float[np.ndarray, "n 4"]
+    score: Float[np.ndarray, " n"]
+    keypoints: Float[np.ndarray, "n 17 3"] | None
 
 
 class OnnxDetector(ABC):
-    """Detector by a network of one input size; subclasses decode the network's output."""
+    """Detector that cuts pictures, fits the pieces into a network's input and merges their boxes.
+
+    Subclasses run the network and decode its output.
+    """
 
     def __init__(
         self,
@@ -39,16 +60,11 @@ class OnnxDetector(ABC):
             tile_overlap: see `tile_windows`.
             suppresses: whether the network itself suppresses overlapping boxes.
         """
-        self._graph = graph
+        self._graph, self._target = graph, target
+        self._placement: Literal["center", "top_left"] = placement
         self._confidence = float(confidence)
-        self._detection = WindowDetection(
-            infer=self._infer,
-            target=target,
-            placement=placement,
-            tiles=tiles,
-            tile_overlap=tile_overlap,
-            maximum_overlap=1.0 if suppresses else iou,
-        )
+        self._maximum_overlap = 1.0 if suppresses else iou
+        self._tiles, self._tile_overlap = tiles, tile_overlap
         self._fingerprint = hash_parameters(
             type(self).__name__,
             graph.content_hash,
@@ -66,15 +82,62 @@ class OnnxDetector(ABC):
 
     def __call__(self, image: Image) -> FrameDetections:
         """Detect the people in one (H, W, 3) uint8 RGB picture, best first."""
-        return self._detection([image])[0]
+        return self.detect_batch([image])[0]
 
     def detect_batch(self, images: Sequence[Image]) -> list[FrameDetections]:
         """Detect the people in each picture, in one network pass if the graph allows it."""
-        return self._detection(images)
+        pictures = [as_image(image) for image in images]
+        sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
+        windows = [tile_windows(*size, self._tiles, self._tile_overlap) for size in sizes]
+        crops = [
+            picture[y1:y2, x1:x2]
+            for picture, its_windows in zip(pictures, windows, strict=True)
+            for x1, y1, x2, y2 in its_windows
+        ]
+        letterboxes = [
+            Letterbox.fit((p.shape[1], p.shape[0]), self._target, placement=self._placement)
+            for p in crops
+        ]
+        inputs = [fit.apply(p, self._target) for fit, p in zip(letterboxes, crops, strict=True)]
+        decoded = iter(zip(letterboxes, self._infer(inputs), strict=True))
+        return [
+            self._merge([(window, *next(decoded)) for window in its_windows], size)
+            for its_windows, size in zip(windows, sizes, strict=True)
+        ]
 
     @abstractmethod
     def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
         """Run the network on pictures of its input size and decode its output."""
+
+    def _merge(
+        self,
+        decoded_windows: list[tuple[Window, Letterbox, DecodedBoxes]],
+        size: tuple[int, int],
+    ) -> FrameDetections:
+        boxes, scores, keypoints, sources = [], [], [], []
+        for index, (window, letterbox, decoded) in enumerate(decoded_windows):
+            corner = np.array(window[:2], np.float32)
+            box = letterbox.boxes_to_original(decoded.box) + np.tile(corner, 2)[None, :]
+            keep = ~cut_by_window(box, window, size, CUT_MARGIN / min(letterbox.gain))
+            box = np.clip(box, 0, np.array([*size, *size], np.float32)[None, :])
+            keep &= (box[:, 2] > box[:, 0]) & (box[:, 3] > box[:, 1])
+            boxes.append(box[keep])
+            scores.append(decoded.score[keep])
+            sources.append(np.full(int(keep.sum()), index))
+            if decoded.keypoints is not None:
+                xy = letterbox.to_original(decoded.keypoints[..., :2]) + corner
+                confidence = np.clip(decoded.keypoints[..., 2:], 0, 1)
+                keypoints.append(np.concatenate([xy, confidence], axis=-1)[keep])
+        box, score = np.concatenate(boxes), np.clip(np.concatenate(scores), 0, 1)
+        kept = suppress_boxes(
+            box,
+            score,
+            self._maximum_overlap,
+            window=np.concatenate(sources),
+            maximum_overlap_across=OVERLAP_ACROSS_WINDOWS,
+        )
+        pose = np.concatenate(keypoints)[kept] if keypoints else None
+        return FrameDetections(box[kept], score[kept], pose)
 
 
 def require_thresholds(confidence: float | int, iou: float | int) -> None:

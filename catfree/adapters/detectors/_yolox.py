@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from catfree.adapters.detectors._onnx_detector import OnnxDetector, require_thresholds
+from catfree.adapters.detectors._onnx_detector import DecodedBoxes, OnnxDetector, require_thresholds
 from catfree.adapters.detectors._tiling import Tiles
-from catfree.adapters.detectors._window_detection import DecodedBoxes
 from catfree.adapters.onnx._input_size import choose_input_size
 from catfree.adapters.onnx._onnx_batching import run_batched
 from catfree.adapters.onnx._onnx_session import OnnxGraph

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.adapters.protocols import Image
-from catfree.types._validation import as_float, require_finite, require_shape
+from catfree.types._validation import as_rows, require_finite
 
 
 def clip_boxes(box: Any, width: int, height: int) -> Int[np.ndarray, "n 4"]:
@@ -24,9 +24,7 @@ def clip_boxes(box: Any, width: int, height: int) -> Int[np.ndarray, "n 4"]:
     Raises:
         InvalidInputError: if the boxes do not have this shape or are not finite.
     """
-    boxes = np.asarray(as_float(box))
-    boxes = boxes.reshape(0, 4) if boxes.size == 0 else boxes
-    require_shape(boxes, (None, 4), "box")
+    boxes = as_rows(box, 4, "box")
     require_finite(boxes, "box")
     last = np.array([width, height]) - 1
     low = np.clip(np.floor(boxes[:, :2]), 0, last[None, :]).astype(np.int64)

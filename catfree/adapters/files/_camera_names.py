@@ -3,10 +3,11 @@
 import os
 import re
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path, PurePosixPath
 
 from catfree.errors import InvalidInputError
+from catfree.types._validation import is_text
 
 # Folders before the file in a camera name; with more it would be a path, not a name.
 DEEPEST = 3
@@ -31,15 +32,6 @@ def require_readable_name(path: Path) -> None:
             f"The path {str(path)!a} is not valid UTF-8, so it cannot be opened as a video or "
             "named in a result. Rename it."
         )
-
-
-def is_text(name: str) -> bool:
-    """Return whether a name can be written as UTF-8; paths in another encoding cannot."""
-    try:
-        name.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def names_of_files(paths: Sequence[Path]) -> list[str]:
@@ -109,9 +101,14 @@ def _folded(name: str) -> str:
     return unicodedata.normalize("NFC", name.casefold())
 
 
+def numbered_names(count: int) -> tuple[str, ...]:
+    """Return the names C1, C2, ... of cameras that have none."""
+    return tuple(f"C{camera + 1}" for camera in range(count))
+
+
 def is_numbered(names: Sequence[str]) -> bool:
     """Return whether cameras have the names C1, C2, ... that stand for none."""
-    return all(name == f"C{camera + 1}" for camera, name in enumerate(names))
+    return tuple(names) == numbered_names(len(names))
 
 
 def natural_order(name: str) -> list[tuple[int, int, str]]:
@@ -123,6 +120,13 @@ def natural_order(name: str) -> list[tuple[int, int, str]]:
         (1, 0, piece.lower()) if number is None else (0, len(number), number)
         for piece, number in zip(pieces, digits, strict=True)
     ]
+
+
+def files_ending(folder: Path, suffixes: Collection[str]) -> list[Path]:
+    """List the files of a folder with some suffixes in natural order, without hidden ones."""
+    files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes)
+    visible = (path for path in files if not path.name.startswith("."))
+    return sorted(visible, key=lambda path: natural_order(path.name))
 
 
 def file_names(names: Sequence[str]) -> list[str]:

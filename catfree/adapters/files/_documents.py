@@ -12,7 +12,7 @@ import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types._archive import naming_file as naming_file, read_archive
-from catfree.types._validation import as_path
+from catfree.types._validation import as_float, as_path
 from catfree.types._writing import replacing
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -23,17 +23,17 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 _LARGEST_WHOLE = 2**53
 
 
-def parse_numbers(words: Sequence[str], source: StrPath, line: int) -> list[float]:
+def parse_numbers(words: Sequence[str], source: StrPath, where: str) -> list[float]:
     """Return the numbers of a line of text.
 
     Raises:
-        FileFormatError: naming file and line.
+        FileFormatError: naming the file and the place in it.
     """
     try:
         return [float(word) for word in words]
     except ValueError as error:
         raise FileFormatError(
-            f"{source}: line {line} has a value that is not a number: {quoted(error)}."
+            f"{source}: {where} has a value that is not a number: {quoted(error)}."
         ) from error
 
 
@@ -91,12 +91,13 @@ def read_json(path: StrPath, meaning: str) -> Any:
 
     Raises:
         InvalidInputError: if there is no such file.
-        FileFormatError: if it is not JSON, as when truncated, with the line and column, or a
-            string holds a lone surrogate, which cannot be written to any file.
+        FileFormatError: if it is not JSON, as when truncated, with the line and column, an object
+            states a key twice, or a string holds a lone surrogate, which cannot be written to any
+            file.
     """
     text = read_text(path, meaning)
     try:
-        document = json.loads(text)
+        document = parse_json(text)
         if _SURROGATE.search(text):
             json.dumps(document, ensure_ascii=False).encode("utf-8")
         return document
@@ -104,6 +105,24 @@ def read_json(path: StrPath, meaning: str) -> Any:
         raise FileFormatError(
             f"{path} ({meaning}) is not valid JSON ({quoted(error)}). Is the file complete?"
         ) from error
+
+
+def parse_json(text: str) -> Any:
+    """Parse JSON in which no object states a key twice, of which one value would be lost.
+
+    Raises:
+        ValueError: if it is not JSON, or a key is stated twice.
+    """
+
+    def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        entries = dict(pairs)
+        if len(entries) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise ValueError(f"{quoted(twice)} is stated twice")
+        return entries
+
+    return json.loads(text, object_pairs_hook=distinct)
 
 
 def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -168,10 +187,53 @@ def text_of(value: Any, source: StrPath, where: str) -> str:
     return value if isinstance(value, str) else quoted(value)
 
 
+def list_of(value: Any, source: StrPath, where: str) -> list[Any]:
+    """Return a list of a parsed document.
+
+    Raises:
+        FileFormatError: naming the file and the place in it.
+    """
+    if not isinstance(value, list):
+        raise FileFormatError(f"{source}: {where} must be a list, got {quoted(value)}.")
+    return value
+
+
 def is_whole(value: Any) -> bool:
     """Return whether this is a whole number that float64 holds exactly."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return number and abs(value) <= _LARGEST_WHOLE and value == int(value)
+
+
+def whole_number(value: Any, source: StrPath, where: str) -> int:
+    """Return a whole number of a parsed document.
+
+    Raises:
+        FileFormatError: naming the file and the place in it.
+    """
+    if not is_whole(value):
+        raise FileFormatError(
+            f"{source}: {where} is {quoted(value)}, not a whole number of at most 2^53."
+        )
+    return int(value)
+
+
+def numbers_of(
+    mapping: Any,
+    key: str,
+    shape: tuple[int, ...] | None,
+    source: StrPath,
+    where: str,
+    *,
+    finite: bool = True,
+) -> np.ndarray:
+    """Return the numbers of one required entry of a parsed document; see `entry` and `numbers`.
+
+    Raises:
+        FileFormatError: as `entry` and `numbers`.
+        InvalidInputError: as `numbers`.
+    """
+    value = entry(mapping, key, source, where)
+    return numbers(value, shape, source, f"{key} of {where}", finite=finite)
 
 
 def numbers(
@@ -184,7 +246,7 @@ def numbers(
 ) -> np.ndarray:
     """Convert to a float64 array of this shape; nested and flat lists are both accepted.
 
-    A nested list of another shape, such as a transposed matrix, is not.
+    A nested list of another shape, such as a transposed matrix, is not, and neither is text.
 
     Args:
         value: what the file holds.
@@ -198,10 +260,8 @@ def numbers(
         InvalidInputError: if a number is not finite.
     """
     try:
-        if isinstance(value, np.ndarray) and value.dtype.kind not in "biuf":
-            raise TypeError(f"{value.dtype} is not a real number")
-        array = np.asarray(value, np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
+        array = np.asarray(as_float(value), np.float64)
+    except InvalidInputError as error:
         raise FileFormatError(f"{source}: {where} must hold numbers only.") from error
     if finite and not np.isfinite(array).all():
         raise InvalidInputError(f"{source}: {where} is not finite. Correct or remove it.")

@@ -12,8 +12,10 @@ from catfree.adapters.files._documents import (
     StrPath,
     entry,
     is_whole,
+    list_of,
     naming_file,
     numbers,
+    numbers_of,
     read_json,
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted
@@ -73,8 +75,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     rows = document
     if isinstance(document, dict):
         rows = entry(document, "annotations", source, "the file")
-    if not isinstance(rows, list):
-        raise FileFormatError(f"{source} must hold a list of boxes in COCO's form.")
+    rows = list_of(rows, source, "the boxes in COCO's form")
     images_by_id = {} if described is None else _images(described, Path(images or source))
     categories = _people(described)
     frame, camera, corners, score = [], [], [], []
@@ -94,7 +95,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
             )
         if described is None:
             _require_own_place(files, image, name, source)
-        box = numbers(entry(row, "bbox", source, where), (4,), source, f"bbox of {where}")
+        box = numbers_of(row, "bbox", (4,), source, where)
         if not (box[2:] > 0).all():
             raise InvalidInputError(
                 f"{source}: {where} is {box.tolist()} as left, top, width, height, which has no "
@@ -149,9 +150,7 @@ def _people(document: dict[str, Any] | None) -> Sequence[Any]:
 
 
 def _images(document: Any, source: Path) -> dict[Any, _Image]:
-    rows = entry(document, "images", source, "the file")
-    if not isinstance(rows, list):
-        raise FileFormatError(f"{source}: images must be a list.")
+    rows = list_of(entry(document, "images", source, "the file"), source, "images")
     images_by_id: dict[Any, _Image] = {}
     files: dict[tuple[str, int], Any] = {}
     for at, row in enumerate(rows):

@@ -86,15 +86,13 @@ def read_detections_parquet(
         rows = field < stop if rows is None else rows & (field < stop)
     table = rows_of(opened, path, rows)
     column = values_of(table, _REQUIRED, path)
-    known = [name for name in ("score", "ankles_confirmed") if name in table.column_names]
-    options = values_of(table, known, path) | list_columns(table, path)
+    options = optional_columns(table, path)
+    if "score" in table.column_names:
+        options |= values_of(table, ["score"], path)
     box = np.stack(
         [naming_file(path, lambda name=name: as_float(column[name])) for name in _BOX], axis=-1
     )
-    clock = clock_of(opened, path)
-    return naming_file(
-        path, lambda: Detections(column["frame"], column["camera"], box, clock=clock, **options)
-    )
+    return naming_file(path, lambda: Detections(column["frame"], column["camera"], box, **options))
 
 
 def rows_of(table: Any, path: StrPath, wanted: Any = None) -> "pyarrow.Table":
@@ -114,13 +112,16 @@ def rows_of(table: Any, path: StrPath, wanted: Any = None) -> "pyarrow.Table":
         raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
 
 
-def list_columns(table: "pyarrow.Table", path: StrPath) -> dict[str, np.ndarray]:
-    """Embeddings (N, D) and keypoints (N, 17, 3) of a table, if it has them.
+def optional_columns(table: "pyarrow.Table", path: StrPath) -> dict[str, Any]:
+    """Confirmed ankles, embeddings (N, D), keypoints (N, 17, 3) and clock, if a table has them.
 
     Raises:
-        FileFormatError: if their lists hold other numbers.
+        FileFormatError: if lists hold other numbers.
+        InvalidInputError: if the clock is damaged.
     """
-    columns = {}
+    columns: dict[str, Any] = {"clock": clock_of(table, path)}
+    if "ankles_confirmed" in table.column_names:
+        columns |= values_of(table, ["ankles_confirmed"], path)
     try:
         for name in ("embedding", "keypoints"):
             if name in table.column_names:
@@ -199,7 +200,7 @@ def clock_of(table: Any, path: StrPath) -> Clock | None:
     """The clock of an open table of detections, or None.
 
     Args:
-        table: what `open_detections_table` returned.
+        table: what `open_detections_table` returned, or rows of it.
         path: of the table, for the message.
 
     Raises:

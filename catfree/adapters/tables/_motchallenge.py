@@ -1,7 +1,6 @@
 """MOTChallenge text: boxes of one camera, and ground tracks in a form that TrackEval scores."""
 
 import dataclasses
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +10,23 @@ from numpy.typing import ArrayLike
 from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
-    parse_numbers,
-    read_text,
     write_text_atomically,
 )
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.adapters.files._text_rows import read_rows
+from catfree.errors import InvalidInputError
 from catfree.types import Detections, Tracks
-from catfree.types._validation import as_float, as_integer, as_path, require_shape
+from catfree.types._validation import (
+    as_integer,
+    as_path,
+    as_positive,
+    as_rows,
+    require_finite,
+)
 
 # TrackEval matches two boxes at an overlap of 0.5. Squares of side s that are shifted along one
 # axis by d overlap by (s - d) / (s + d), which is 0.5 at d = s / 3.
 _SIDES_PER_THRESHOLD = 3.0
-
-# Above it, not every whole number is a float.
-_LARGEST = 2.0**53
+_ROWS = "MOTChallenge rows: frame, id, left, top, width, height, ..."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,29 +89,10 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
         FileFormatError: naming the first malformed line.
     """
     source = as_path(path, "path")
-    rows, columns = [], None
-    for line, text in enumerate(read_text(source, "MOTChallenge rows").splitlines(), start=1):
-        if not text.strip():
-            continue
-        fields = re.split(r"\s*,\s*|\s+", text.strip().rstrip(","))
-        columns = len(fields) if columns is None else columns
-        if len(fields) != columns or columns < 6:
-            raise FileFormatError(
-                f"{source}: line {line} has {len(fields)} columns instead of "
-                f"{max(columns, 6)} (frame, id, left, top, width, height, ...)."
-            )
-        rows.append(parse_numbers(fields, source, line))
-        _, _, left, top, width, height, *_ = rows[-1]
-        if not np.isfinite([*rows[-1], left + width, top + height]).all():
-            raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
-        if rows[-1][0] != int(rows[-1][0]) or rows[-1][1] != int(rows[-1][1]):
-            raise FileFormatError(f"{source}: frame and id of line {line} must be whole numbers.")
-        if max(abs(rows[-1][0]), abs(rows[-1][1])) >= _LARGEST:
-            raise FileFormatError(
-                f"{source}: frame or id of line {line} is too large to be counted exactly; both "
-                "must be below 2^53."
-            )
-    table = np.array(rows, np.float64).reshape(-1, columns or 6)
+    table = read_rows(source, _ROWS, (6,), more=True, whole=2)
+    with np.errstate(over="ignore"):
+        box = np.concatenate([table[:, 2:4], table[:, 2:4] + table[:, 4:6]], axis=-1)
+    naming_file(source, lambda: require_finite(box, "box"))
     frame = table[:, 0].astype(np.int64)
     if frames is not None:
         frame_list = _ascending(frames)
@@ -125,7 +108,7 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
         source=source,
         frame=frame,
         identity=table[:, 1].astype(np.int64),
-        box=np.concatenate([table[:, 2:4], table[:, 2:4] + table[:, 4:6]], axis=-1),
+        box=box,
         confidence=table[:, 6] if table.shape[1] >= 7 else None,
         world=table[:, 7:10] if has_world else None,
     )
@@ -194,16 +177,13 @@ def write_mot_ground(
             is not positive, rows have another shape, or the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
-    if not 0 < threshold < np.inf:
-        raise InvalidInputError(f"threshold is {threshold}; it must be a positive length.")
+    threshold = as_positive(threshold, "threshold")
     score = None
     if isinstance(tracks, Tracks):
         frame, identity, score = tracks.frame, tracks.track_id, tracks.existence
         xy = np.asarray(tracks.ground_xy, np.float64)
     else:
-        rows = np.asarray(as_float(tracks), np.float64)
-        rows = rows.reshape(0, 4) if rows.size == 0 else rows
-        require_shape(rows, (None, 4), "rows [frame, id, x, y]")
+        rows = as_rows(tracks, 4, "rows [frame, id, x, y]").astype(np.float64)
         frame, identity = as_integer(rows[:, 0], "frame"), as_integer(rows[:, 1], "id")
         xy = rows[:, 2:]
     side = np.full((len(xy), 2), _SIDES_PER_THRESHOLD * threshold)

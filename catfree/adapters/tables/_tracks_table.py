@@ -11,9 +11,9 @@ import numpy as np
 from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
-    read_text,
     write_bytes_atomically,
 )
+from catfree.adapters.files._text_rows import read_csv
 from catfree.adapters.tables._parquet import read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Origin, Plane, Tracks
@@ -95,23 +95,12 @@ def read_tracks_csv(path: StrPath) -> Tracks:
             of one clock.
     """
     source = as_path(path, "path")
-    try:
-        lines = list(csv.reader(io.StringIO(read_text(source, "tracks"))))
-    except csv.Error as error:
-        raise FileFormatError(f"{source} is not valid CSV: {quoted(error)}.") from error
-    header, rows = (lines[0], lines[1:]) if lines else ([], [])
-    missing = [name for name in _COLUMNS if name not in header]
+    table = read_csv(source, "tracks")
+    missing = [name for name in _COLUMNS if name not in table.header]
     if missing:
         raise FileFormatError(f"{source} has no column {missing[0]!r}; is it a table of tracks?")
-    for line, row in enumerate(rows, start=2):
-        if len(row) != len(header):
-            raise FileFormatError(
-                f"{source}: line {line} has {len(row)} columns instead of {len(header)}."
-            )
-    text = dict(zip(header, zip(*rows, strict=True), strict=True)) if rows else {}
     column = {}
-    for name in header:
-        values = text.get(name, ())
+    for name, values in table.columns().items():
         try:
             if name == "origin":
                 column[name] = np.array([Origin[value.upper()] for value in values], np.int64)
@@ -126,7 +115,7 @@ def read_tracks_csv(path: StrPath) -> Tracks:
     velocity = velocity_covariance = None
     if all(name in column for name in _VELOCITY):
         velocity = np.stack([column["velocity_x"], column["velocity_y"]], axis=-1)
-        velocity_covariance = _symmetric(column, "velocity_covariance")
+        velocity_covariance = symmetric(column, "velocity_covariance")
     position = [column[f"position_{axis}"] for axis in "xyz"]
     tracks = Tracks(
         frame=column["frame"],
@@ -134,7 +123,7 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         position=np.stack(position, axis=-1),
         ground_xy=np.stack([column["x"], column["y"]], axis=-1),
         sigma=column["sigma"],
-        covariance=_symmetric(column, "covariance"),
+        covariance=symmetric(column, "covariance"),
         supporting_cameras=column["supporting_cameras"],
         origin=column["origin"],
         existence=column.get("existence"),
@@ -212,11 +201,6 @@ def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock
         if (np.abs(Clock(mean_rate, start).seconds(frame) - time) <= _OFF_CLOCK).all():
             return Clock(mean_rate, start, utc)
     raise FileFormatError(f"{source}: column {_TIME!r} is invalid: no clock gives these times.")
-
-
-def _symmetric(column: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """(M, 2, 2) from the columns of its three different entries."""
-    return symmetric(*(column[f"{name}_{axes}"] for axes in ("xx", "xy", "yy")))
 
 
 def _columns(tracks: Tracks) -> dict[str, np.ndarray]:

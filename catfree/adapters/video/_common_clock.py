@@ -1,6 +1,7 @@
 """One clock for cameras whose frames have times of their own."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,10 @@ from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._clock import ABSOLUTE
 from catfree.types._validation import (
-    as_float,
+    as_finite,
     as_positive,
     first_index,
-    require_finite,
     require_instance,
-    require_shape,
 )
 
 # Whoever asks for 30 ticks per second of a camera of 29.97 means the rate of that camera.
@@ -81,8 +80,7 @@ def on_common_clock(
             )
         tick[rows] = ticks[camera][frame]
     kept = np.flatnonzero(tick >= 0)
-    columns = vars(detections[kept]) | {"frame": tick[kept], "clock": Clock(rate, start, utc)}
-    return Detections(**columns)
+    return replace(detections[kept], frame=tick[kept], clock=Clock(rate, start, utc))
 
 
 def rate_of(times: Times) -> float:
@@ -196,10 +194,8 @@ def _make_room(tick: Int[np.ndarray, " n"], exact: Times, lowest: int) -> None:
 
 
 def _increasing(values: Any, camera: int) -> Times:
-    times = np.asarray(as_float(values), np.float64)
     name = f"timestamps[{camera}]"
-    require_shape(times, (None,), name)
-    require_finite(times, name)
+    times = as_finite(values, (None,), name)
     if (np.diff(times) <= 0).any():
         at = int(first_index(np.diff(times) <= 0)) + 1
         raise InvalidInputError(

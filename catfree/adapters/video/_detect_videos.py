@@ -27,7 +27,7 @@ from catfree.adapters.video._validate_plugin_output import (
 )
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.types import Detections
-from catfree.types._annotations import Progress
+from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import processor_count
 
 # The people in a picture, and their embeddings if there is an embedder.
@@ -68,7 +68,8 @@ def detect_videos(
         InsufficientDataError: if the footage is too short to fit the detector, or no instant can be
             decoded.
     """
-    detectors = fit_to_cameras(videos, detector, progress) if fitted is None else fitted
+    report = progress or no_progress
+    detectors = fit_to_cameras(videos, detector, report) if fitted is None else fitted
     # One common detector may process all cameras at once.
     shared = detector if isinstance(detector, BatchDetector) else None
     describe = None if embedder is None else Describer(embedder)
@@ -77,8 +78,7 @@ def detect_videos(
         for done, (frame, pictures) in enumerate(videos.pictures_from(), start=1):
             people = detect_instant(pictures, detectors, shared, frame)
             yield frame, describe_instant(pictures, people, describe, frame)
-            if progress is not None:
-                progress("detect", done, videos.frame_count)
+            report("detect", done, videos.frame_count)
 
     return collect_detections(instants(), videos)
 
@@ -86,7 +86,7 @@ def detect_videos(
 def fit_to_cameras(
     videos: SynchronizedVideos,
     detector: Detector | FittedToCamera,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
     *,
     known: Mapping[int, Detector] | None = None,
     learned: Callable[[int, Detector], None] | None = None,
@@ -113,9 +113,8 @@ def fit_to_cameras(
     numbers, lock = count(1), Lock()
 
     def report() -> None:
-        if progress is not None:
-            with lock:
-                progress("fit", next(numbers), total)
+        with lock:
+            progress("fit", next(numbers), total)
 
     def fit(camera: int) -> Detector:
         if camera in before:

@@ -137,11 +137,9 @@ class SynchronizedVideos:
             raise InvalidInputError(f"paths must list one video per camera, got only {paths!s}.")
         if not paths:
             raise InvalidInputError("paths must name at least one video or image folder.")
-        stride = as_count(stride, "stride")
+        stride = as_count(stride, "stride", least=1)
         start = None if start is None else as_count(start, "start")
         end = None if end is None else as_count(end, "end")
-        if stride < 1:
-            raise InvalidInputError(f"stride must be at least 1, got {stride}.")
         count = len(paths)
         fewest = as_count(count if fewest_cameras is None else fewest_cameras, "fewest_cameras")
         if not 1 <= fewest <= count:
@@ -165,6 +163,13 @@ class SynchronizedVideos:
         self._rate = self._common_rate(frame_rate)
         self._start, self._utc = self._common_start()
         self._origins = self._origins_of_ticks(offsets is not None)
+        for camera, (offset, source) in enumerate(zip(shifts, self._sources, strict=True)):
+            if offset >= source.frame_count and self._span(camera)[1] < 0:
+                raise InvalidInputError(
+                    f"The offset of camera {quoted(self.camera_names[camera])} is {offset}, but it "
+                    f"has only {source.frame_count} frames, so that it shows no instant. Correct "
+                    "offsets."
+                )
         self._limits, self._stride = (start, end), stride
         self._ticks, self._dropped = self._complete(self._shared_ticks(start, end, stride))
         self.interruption: CatFreeError | None = None

@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from catfree.adapters.files._camera_names import natural_order, require_readable_name
+from catfree.adapters.files._camera_names import files_ending, require_readable_name
 from catfree.adapters.files._documents import IMAGE_SUFFIXES
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.protocols import Image
@@ -104,9 +104,7 @@ class ImageFolder:
     def __init__(self, path: Path) -> None:
         """List the images, decode the first and read `timestamps.csv`, if there is one."""
         self.path = path
-        names = (p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
-        visible = (p for p in names if not p.name.startswith("."))
-        self.files = sorted(visible, key=lambda p: natural_order(p.name))
+        self.files = files_ending(path, IMAGE_SUFFIXES)
         if not self.files:
             raise InvalidInputError(
                 f"The folder {path} holds no images ({', '.join(IMAGE_SUFFIXES)})."

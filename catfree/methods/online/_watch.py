@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree.errors import CatFreeError, InvalidInputError, quoted, shortened
+from catfree.errors import CatFreeError, InvalidInputError, quoted
 from catfree.methods.online._instant_assembler import (
     DroppedFrame,
     Instant,
@@ -18,6 +18,7 @@ from catfree.methods.online._instant_assembler import (
 from catfree.methods.online._tracker import Tracker
 from catfree.methods.online._update import Update
 from catfree.types import Detections, Tracks
+from catfree.types._validation import require_names
 
 Record = dict[str, Any]
 
@@ -56,15 +57,7 @@ def watch(
         counted from 1, and `message`: a line or an instant that could not be used; the next one is
         read).
     """
-    count = tracker.scene.rig.camera_count
-    if len(camera_names) != count:
-        raise InvalidInputError(
-            f"The tracker's scene has {count} cameras, but {len(camera_names)} are named."
-        )
-    if len(set(camera_names)) < count:
-        raise InvalidInputError(
-            f"Two cameras have one name: {', '.join(map(shortened, camera_names))}."
-        )
+    require_names(camera_names, tracker.scene.rig.camera_count, distinct=True)
     assembler = InstantAssembler(len(camera_names), frame_rate, timeout)
     waiting: deque[float] = deque()  # times of instants that are not final
     number = 0
@@ -74,7 +67,7 @@ def watch(
         try:
             instants = assembler.add(*parse_frame(line, camera_names))
         except CatFreeError as error:
-            yield {"type": "error", "line": number, "message": str(error)}
+            yield _error(number, error)
             continue
         yield from _answers(instants, tracker, camera_names, waiting, number)
         yield from _dropped(assembler.take_dropped(), camera_names)
@@ -96,7 +89,11 @@ def _answers(
         try:
             yield from _followed(instant, tracker, waiting)
         except CatFreeError as error:
-            yield {"type": "error", "line": line, "message": str(error)}
+            yield _error(line, error)
+
+
+def _error(line: int, error: CatFreeError) -> Record:
+    return {"type": "error", "line": line, "message": str(error)}
 
 
 def _dropped(frames: Iterable[DroppedFrame], names: Sequence[str]) -> Iterator[Record]:

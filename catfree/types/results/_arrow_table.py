@@ -115,14 +115,14 @@ def from_table(table: "pyarrow.Table") -> dict[str, Any]:
     clock, has_existence, has_cameras = _described(table.schema.metadata or {})
     numbers = {name: _numbers(table, name, arrow.float64()) for name in _FLOATS}
     velocity = np.stack([numbers["vx"], numbers["vy"]], axis=-1)
-    bits = _bits_from(table) if has_cameras else None
+    bits = _numbers(table, "cameras", arrow.uint64(), known=True) if has_cameras else None
     frame = _numbers(table, "frame", arrow.int64())
     return {
         "frame": frame,
         "track_id": _numbers(table, "track_id", arrow.int64()),
         "ground_xy": np.stack([numbers["x"], numbers["y"]], axis=-1),
         "sigma": numbers["sigma"],
-        "covariance": symmetric(*(numbers[f"cov_{axes}"] for axes in ("xx", "xy", "yy"))),
+        "covariance": symmetric(numbers, "cov"),
         "supporting_cameras": np.zeros(len(frame), np.int64)
         if bits is None
         else np.bitwise_count(bits).astype(np.int64),
@@ -134,8 +134,9 @@ def from_table(table: "pyarrow.Table") -> dict[str, Any]:
     }
 
 
-def symmetric(xx: np.ndarray, xy: np.ndarray, yy: np.ndarray) -> Float[np.ndarray, "m 2 2"]:
-    """(M, 2, 2) matrices from the columns of their three different entries."""
+def symmetric(columns: Mapping[str, np.ndarray], name: str) -> Float[np.ndarray, "m 2 2"]:
+    """(M, 2, 2) matrices from the columns `NAME_xx`, `NAME_xy` and `NAME_yy`."""
+    xx, xy, yy = (columns[f"{name}_{axes}"] for axes in ("xx", "xy", "yy"))
     return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
 
 
@@ -213,11 +214,11 @@ def _described(metadata: Mapping[bytes, bytes]) -> tuple[Clock | None, bool, boo
         ) from error
 
 
-def _column(table: "pyarrow.Table", name: str, kind: Any) -> Any:
-    """Return one column as one array of a type."""
+def _column(table: "pyarrow.Table", name: str, kind: Any, *, known: bool = False) -> Any:
+    """Return one column as one array of a type; `known` ones have values in all rows."""
     arrow = require_pyarrow()
     column = table[name]
-    if column.null_count and name not in _OPTIONAL:
+    if column.null_count and (known or name not in _OPTIONAL):
         raise FileFormatError(f"The table has no value in a row of column {name!r}.")
     try:
         cast = column.cast(kind)
@@ -228,17 +229,9 @@ def _column(table: "pyarrow.Table", name: str, kind: Any) -> Any:
     return cast.combine_chunks()
 
 
-def _numbers(table: "pyarrow.Table", name: str, kind: Any) -> np.ndarray:
+def _numbers(table: "pyarrow.Table", name: str, kind: Any, *, known: bool = False) -> np.ndarray:
     # A copy: arrays of Arrow cannot be written to.
-    return np.array(_column(table, name, kind).to_numpy(zero_copy_only=False))
-
-
-def _bits_from(table: "pyarrow.Table") -> np.ndarray:
-    arrow = require_pyarrow()
-    column = _column(table, "cameras", arrow.uint64())
-    if column.null_count:
-        raise FileFormatError("The table has no value in a row of column 'cameras'.")
-    return np.array(column.to_numpy(zero_copy_only=False))
+    return np.array(_column(table, name, kind, known=known).to_numpy(zero_copy_only=False))
 
 
 def _origins(table: "pyarrow.Table") -> np.ndarray:

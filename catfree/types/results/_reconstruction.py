@@ -10,9 +10,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
-from catfree.errors import InvalidInputError
-from catfree.types._rig import ROTATION_TOLERANCE
-from catfree.types._validation import as_boolean, as_float, require_finite, require_shape
+from catfree.types._rig import require_cameras
+from catfree.types._validation import as_boolean, as_float, as_rows, require_finite, require_shape
 
 
 class Reconstruction(eqx.Module):
@@ -54,11 +53,10 @@ class Reconstruction(eqx.Module):
 
         Raises:
             InvalidInputError: naming the first entry with a wrong shape, a value that is not
-                finite, a focal length that is not positive or a matrix that is not a rotation.
+                finite, intrinsics that are not valid or a matrix that is not a rotation.
         """
         self.K, self.R, self.t = (np.asarray(as_float(value)) for value in (K, R, t))
-        cloud = np.asarray(as_float(points))
-        self.points = cloud.reshape(0, 3) if cloud.size == 0 else cloud
+        self.points = as_rows(points, 3, "points")
         self.confidence = np.asarray(as_float(confidence))
         self.scale_is_metric, self.weights_id = bool(scale_is_metric), str(weights_id)
         cameras = len(self.t)
@@ -68,18 +66,8 @@ class Reconstruction(eqx.Module):
         require_shape(self.K, (cameras, 3, 3), "K")
         require_shape(self.R, (cameras, 3, 3), "R")
         require_shape(self.t, (cameras, 3), "t")
-        require_shape(self.points, (len(self.points), 3), "points")
         require_shape(self.confidence, (len(self.points),), "confidence")
         require_shape(self.registered, (cameras,), "registered")
         for name in ("K", "R", "t", "points", "confidence"):
             require_finite(getattr(self, name), name)
-        unfocused = (self.K[:, 0, 0] <= 0) | (self.K[:, 1, 1] <= 0)
-        if unfocused.any():
-            raise InvalidInputError(
-                f"K[{int(np.argmax(unfocused))}] has a focal length that is not positive."
-            )
-        rotation = self.R.astype(np.float64)
-        error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
-        bad = (error > ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0)
-        if bad.any():
-            raise InvalidInputError(f"R[{int(np.argmax(bad))}] is not a rotation.")
+        require_cameras(self.K, self.R, np.ones(cameras, bool))

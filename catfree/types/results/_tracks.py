@@ -14,6 +14,7 @@ from catfree.errors import InvalidInputError, MissingDependencyError, quoted
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._detections import Detections, require_pandas
+from catfree.types._sampling import select_rows
 from catfree.types._scene import Plane
 from catfree.types._validation import (
     as_count,
@@ -196,13 +197,7 @@ class Tracks(eqx.Module):
 
     def __getitem__(self, rows: Any) -> "Tracks":
         """Select rows by a slice, a boolean mask or an integer array."""
-        chosen = np.arange(len(self))[rows].reshape(-1)
-        columns: dict[str, Any] = {
-            name: None if value is None else value[chosen]
-            for name, value in vars(self).items()
-            if name != "clock"
-        }
-        return Tracks(**columns, clock=self.clock)
+        return select_rows(self, len(self), rows)
 
     @property
     def time(self) -> Float[np.ndarray, " m"] | None:
@@ -225,8 +220,7 @@ class Tracks(eqx.Module):
         rank[np.argsort(first)] = np.arange(len(track_ids))
         track_id = np.full(len(self), -1)
         track_id[by_start] = rank[inverse]
-        columns: dict[str, Any] = vars(self) | {"track_id": track_id}
-        return Tracks(**columns)[np.lexsort((track_id, self.frame))]
+        return replace(self, track_id=track_id)[np.lexsort((track_id, self.frame))]
 
     def to_rows(self, xy: Any = None) -> Float[np.ndarray, "m 4"]:
         """Return (M, 4) rows [frame, id, x, y] for `cf.evaluation`, of `ground_xy` or `xy`.

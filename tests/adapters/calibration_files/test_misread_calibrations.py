@@ -13,12 +13,15 @@ from catfree.adapters import (
     read_anipose_toml,
     read_colmap,
     read_opencv_yaml,
+    read_rig_json,
     write_ai_city,
     write_anipose_toml,
     write_colmap_text,
     write_opencv_yaml,
+    write_rig_json,
 )
 from catfree.adapters.calibration_files._named_rig import default_names
+from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.synthetic import make_layout
 from catfree.types import Lens
@@ -132,6 +135,13 @@ def test_rotations_in_degrees_are_noticed(rig, tmp_path):
         read_anipose_toml(path)
 
 
+def test_a_rotation_vector_turns_by_a_full_turn_at_most():
+    whole = [2 * np.pi / np.sqrt(3) - 1e-9] * 3
+    np.testing.assert_allclose(rotation_from_vector(whole, "a", "r"), np.eye(3), atol=1e-8)
+    with pytest.raises(InvalidInputError, match="more than a full turn"):
+        rotation_from_vector([5.0, 5.0, 5.0], "a", "r")
+
+
 def test_wrong_types_are_named(rig, tmp_path):
     path = write_anipose_toml(tmp_path / "calibration.toml", rig, NAMES)
     unchecked = inspect.unwrap(default_names)  # as where no types are checked
@@ -164,3 +174,15 @@ def test_opencv_entries_are_stated_once(rig, tmp_path):
     path.write_text(f"{path.read_text()}t: [0, 0, 9]\n")
     with pytest.raises(FileFormatError, match="t is stated twice"):
         read_opencv_yaml(path)
+
+
+def test_text_is_no_number_and_no_value_of_json_is_lost(rig, tmp_path):
+    path = write_rig_json(tmp_path / "rig.json", rig, NAMES)
+    text = path.read_text()
+    width = f'"width": {rig.image_size[0, 0]}'
+    path.write_text(text.replace(width, f'"width": "{rig.image_size[0, 0]}"', 1))
+    with pytest.raises(FileFormatError, match="the image size of camera 0 must hold numbers only"):
+        read_rig_json(path)
+    path.write_text(text.replace(width, f"{width}, {width}0", 1))
+    with pytest.raises(FileFormatError, match="'width' is stated twice"):
+        read_rig_json(path)

@@ -194,7 +194,7 @@ def test_half_a_file_is_an_error(form, tmp_path):
 
 @every_format
 def test_wrong_number_of_names_is_refused(form, tmp_path):
-    with pytest.raises(InvalidInputError, match="2 names for 3 cameras"):
+    with pytest.raises(InvalidInputError, match="names has 2 names, but there are 3 cameras"):
         form.write(tmp_path, _ring(3), ["a", "b"])
     with pytest.raises(InvalidInputError, match="same name"):
         form.write(tmp_path, _ring(2), ["a", "a"])

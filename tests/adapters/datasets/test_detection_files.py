@@ -134,8 +134,8 @@ def test_missing_pictures_name_or_number_their_cameras(tmp_path_factory, rows, s
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("frame,camera\n3,C7\n", "row 2: there is no camera 'C7' among C1, C2, C10"),
-        ("frame,camera\n3,C1\n4,3\n", "row 3: there is no camera '3'"),
+        ("frame,camera\n3,C7\n", "line 2: there is no camera 'C7' among C1, C2, C10"),
+        ("frame,camera\n3,C1\n\n4,3\n", "line 4: there is no camera '3'"),
         ("frame,camera\n3.5,C1\n", "frame"),
         ("frame,camera\nx,C1\n", "column 'frame' holds a value that is not a number"),
         ("frame\n3\n", "no columns frame and camera"),
@@ -333,7 +333,11 @@ def test_no_boxes_at_all_are_no_error(tmp_path):
     ("name", "text", "sentence"),
     [
         ("a.csv", "frame,camera,left\n1,2,3\n", "has the columns frame, camera, left"),
-        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,2,3\n", "row 2 has 3 columns instead of 6"),
+        (
+            "a.csv",
+            "frame,camera,x1,y1,x2,y2\n\n,,,,,\n1,2,3\n",
+            "line 4 has 3 columns instead of 6",
+        ),
         ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,3,4,5,no\n", "'y2' holds a value that is not"),
         ("a.csv", f"frame,camera,x1,y1,x2,y2\n1,{'9' * 20},3,4,5,6\n", r"a\.csv: camera.*63 bits"),
         ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,5,4,3,6\n", "xyxy, not xywh"),

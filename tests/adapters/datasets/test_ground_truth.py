@@ -101,7 +101,7 @@ def test_truth_and_tracks_are_read_alike(identity, tmp_path):
         ("frame,id,x,y\n0,1,2,3\n1,1,nan,3\n", r"truth\.csv: x in line 3 is 'nan'"),
         ("frame,id,x,y\n0.5,1,2,3\n", "frame in line 2 is '0.5', not a whole number"),
         ("frame,id,x,y\n0,,2,3\n", "id in line 2 is '', not a whole number"),
-        ("frame,id,x,y\n0,1,2," + "3" * 200_000, "line 2 is not CSV"),
+        ("frame,id,x,y\n0,1,2," + "3" * 200_000, "line 2 is not valid CSV"),
     ],
 )
 def test_truth_that_is_none_is_refused(text, sentence, tmp_path):

@@ -84,7 +84,7 @@ def test_missing_folder(tmp_path):
         ({}, {"cam": np.array([0, 2])}, "detections of camera 2, but rig.json has 2 cameras"),
         ({}, {"cam": np.array([0])}, r"detections\.npz: camera must have shape"),
         ({}, {"box": np.full((2, 4), np.nan)}, r"detections\.npz: box\[0, 0\] is not finite"),
-        ({"t": [[0.0, 2.0, 10.0]]}, {}, r"rig\.json: t must hold 2 x 3"),
+        ({"t": [[0.0, 2.0, 10.0]]}, {}, r"rig\.json: t of the file must hold 2 x 3"),
         ({"R": [LOOKING_EAST, LOOKING_EAST[::-1]]}, {}, r"rig\.json: R\[1\] is not a rotation"),
         ({"ground_normal": [0.0, 0.0, -1.0]}, {}, r"rig\.json: The cameras are on the negative"),
         ({"extent": 0}, {}, r"rig\.json: extent is 0"),

@@ -260,7 +260,7 @@ def test_multiviewx_matchings(tmp_path):
         file.unlink()
     assert len(read_multiviewx(tmp_path).detections) == 18  # the only source left
     (tmp_path / "matchings" / "Camera2.txt").write_text("1 -40 3 4\n")
-    with pytest.raises(FileFormatError, match=r"Camera2\.txt .*row 0 has 4 columns instead of 20"):
+    with pytest.raises(FileFormatError, match=r"Camera2\.txt .*line 1 has 4 columns instead of 20"):
         read_multiviewx(tmp_path)
 
 

@@ -180,3 +180,17 @@ def test_a_range_of_a_damaged_table_is_refused(tmp_path):
     (tmp_path / "a.parquet").write_bytes(content)
     with pytest.raises(FileFormatError, match=r"a\.parquet cannot be read"):
         frame_range(tmp_path / "a.parquet")
+
+
+def test_tables_of_named_cameras_keep_ankles_and_clock(tmp_path):
+    import pyarrow.parquet
+
+    box = [[0, 0, 5, 9]] * 2
+    saved = Detections([0, 1], [0, 1], box, None, [True, False], clock=Clock(5))
+    path = write_detections_parquet(tmp_path / "a.parquet", saved)
+    table = pyarrow.parquet.read_table(path)
+    at = table.schema.get_field_index("camera")
+    pyarrow.parquet.write_table(table.set_column(at, "camera", [["east", "west"]]), path)
+    found, names = read_detections(path)
+    assert (names, found.clock) == (("east", "west"), saved.clock)
+    np.testing.assert_array_equal(found.ankles_confirmed, saved.ankles_confirmed)

@@ -363,9 +363,12 @@ def test_unknown_confidences_are_no_scores(tmp_path):
         ("1,2,3,4,5,6,1\n1,2,3,4,5,6\n", "line 2 has 6 columns instead of 7"),
         ("1,2,3,4,5,six\n", "line 1 has a value that is not a number"),
         ("1,2,3,4,5,nan\n", "line 1 has a number that is not finite"),
-        ("1.5,2,3,4,5,6\n", "frame and id of line 1"),
-        ("1e23,2,3,4,5,6\n", "frame or id of line 1 is too large"),
-        ("1,2,3,4,5,6\n1,-9007199254740993,3,4,5,6\n", "frame or id of line 2 is too large"),
+        ("1.5,2,3,4,5,6\n", "column 1 of line 1 is 1.5, not a whole"),
+        ("1e23,2,3,4,5,6\n", r"column 1 of line 1 is 1e\+23, not a whole number below"),
+        (
+            "1,2,3,4,5,6\n1,-9007199254740993,3,4,5,6\n",
+            "column 2 of line 2 is -9.*, not a whole number below",
+        ),
         ("1,2,3,4,0,6\n", r"box\[0\]"),
     ],
 )

@@ -334,6 +334,7 @@ def test_an_empty_folder_and_a_missing_path(tmp_path):
         ({"offsets": [0, 0]}, "one number per camera"),
         ({"frame_rate": 0}, "frame_rate"),
         ({"offsets": [-3], "start": 1}, "first picture at tick 3"),
+        ({"offsets": [5]}, "offset of camera 'a' is 5, but it has only 5 frames"),
     ],
 )
 def test_impossible_parameters(tmp_path, options, message):

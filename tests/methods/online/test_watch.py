@@ -194,7 +194,7 @@ def test_an_instant_that_cannot_be_used_ends_neither_the_stream_nor_the_next_ins
 
 def test_every_camera_of_the_scene_needs_a_name():
     tracker = Tracker(make_world("ring4", frames=2, people=2).true_scene)
-    with pytest.raises(InvalidInputError, match="has 4 cameras, but 2 are named"):
+    with pytest.raises(InvalidInputError, match="has 2 names, but there are 4 cameras"):
         list(watch([], tracker, ["a", "b"], frame_rate=5))
-    with pytest.raises(InvalidInputError, match="one name"):
+    with pytest.raises(InvalidInputError, match="the same name"):
         list(watch([], tracker, "abca", frame_rate=5))

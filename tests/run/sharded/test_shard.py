@@ -132,7 +132,7 @@ def test_the_clock_of_the_boxes_is_used():
     [
         ({"every": 0}, "every is 0; it must be a positive number"),
         ({"every": np.nan}, "every is nan; it must be a positive number"),
-        ({"overlap": -1}, "overlap must be a number of seconds, 0 or more"),
+        ({"overlap": -1}, "overlap is -1.*; it must be a number of seconds"),
         ({"every": 10, "overlap": 10}, "Make the shards longer than their overlap"),
         ({"frame_rate": None}, "have no clock, so that seconds mean nothing. Pass frame_rate"),
         ({"frame_rate": 1e9, "every": 1e-9, "overlap": 0}, "make 1000"),

@@ -9,13 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
-    require_coefficients,
 )
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    registered_cameras,
     rig_of,
+    writable_cameras,
 )
 from catfree.adapters.calibration_files.colmap._colmap_binary import (
     binary_cameras,
@@ -34,13 +33,14 @@ from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
     numbers,
+    parse_numbers,
     read_text,
     require_folder,
     write_text_atomically,
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_float, require_finite, require_shape
+from catfree.types._validation import as_finite
 from catfree.types._writing import make_folder
 
 
@@ -133,8 +133,7 @@ def write_colmap_text(
         WriteError: if the disk is full or not writable.
     """
     root = Path(folder)
-    rig, labels = registered_cameras(rig, names, root)
-    require_coefficients(rig, labels, root)
+    rig, labels = writable_cameras(rig, names, root)
     K, R, t = np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t)
     quaternions = Rotation.from_matrix(R).as_quat(canonical=True)
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
@@ -165,9 +164,7 @@ def write_colmap_text(
         pose = _row(np.roll(quaternions[at], 1), t[at])
         images += [f"{at + 1} {pose} {at + 1} {name}", ""]
     cloud = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
-    scene = np.empty((0, 3)) if points is None else as_float(points)
-    require_shape(scene, (None, 3), "points")
-    require_finite(scene, "points")
+    scene = np.empty((0, 3)) if points is None else as_finite(points, (None, 3), "points")
     cloud += [f"{at + 1} {_row(point)} 128 128 128 0" for at, point in enumerate(scene)]
     if not root.parent.is_dir():
         raise InvalidInputError(
@@ -209,7 +206,8 @@ def _text_cameras(path: Path) -> list[tuple[int, ColmapCamera]]:
             raise FileFormatError(f"{path}: {where} is incomplete.")
         model = supported_model(words[1], path, camera_id)
         width, height = (_integer(word, path, where) for word in words[2:4])
-        parameters = numbers(words[4:], (len(PARAMETERS[model]),), path, f"{where} ({model})")
+        values = parse_numbers(words[4:], path, where)
+        parameters = numbers(values, (len(PARAMETERS[model]),), path, f"{where} ({model})")
         cameras.append((camera_id, (model, width, height, parameters)))
     return cameras
 
@@ -223,14 +221,14 @@ def _text_images(path: Path) -> list[ColmapImage]:
         words = line.split(maxsplit=9)
         if len(words) < 10:
             raise FileFormatError(f"{path}: the line of image {shortened(words[0])} is incomplete.")
-        name = words[9]
-        pose = numbers(words[1:8], (7,), path, f"image {shortened(name)}")
-        camera_id = _integer(words[8], path, f"image {shortened(name)}")
+        name, where = words[9], f"image {shortened(words[9])}"
+        pose = numbers(parse_numbers(words[1:8], path, where), (7,), path, where)
+        camera_id = _integer(words[8], path, where)
         images.append((name, camera_id, pose[:4], pose[4:]))
         points = next(lines, "").split()  # x, y and point of each, often none at all
         if len(points) % 3:
             raise FileFormatError(
-                f"{path}: the line after image {shortened(name)} must hold its image points, three "
+                f"{path}: the line after {where} must hold its image points, three "
                 "numbers each, or be empty. Every image has two lines."
             )
     return images
@@ -239,6 +237,9 @@ def _text_images(path: Path) -> list[ColmapImage]:
 def _text_points(path: Path) -> np.ndarray | None:
     if not path.is_file():
         return None
-    rows = [line.split() for line in filter(None, _lines(path, "COLMAP points"))]
-    points = [numbers(row[1:4], (3,), path, f"point {shortened(row[0])}") for row in rows]
+    points = []
+    for line in filter(None, _lines(path, "COLMAP points")):
+        number, *words = line.split()
+        where = f"point {shortened(number)}"
+        points.append(numbers(parse_numbers(words[:3], path, where), (3,), path, where))
     return np.array(points).reshape(-1, 3)

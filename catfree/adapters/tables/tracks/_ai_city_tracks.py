@@ -6,14 +6,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from catfree.adapters.files._documents import (
-    StrPath,
-    parse_numbers,
-    read_text,
-    write_text_atomically,
-)
+from catfree.adapters.files._documents import StrPath, write_text_atomically
+from catfree.adapters.files._text_rows import read_rows
 from catfree.adapters.tables.tracks._tracked_rows import tracked
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import InvalidInputError
 from catfree.types import Detections, Tracks
 from catfree.types._validation import as_count, as_path, as_positive
 
@@ -110,23 +106,7 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
         FileFormatError: naming the first line that has another form.
     """
     source = as_path(path, "path")
-    rows: list[list[float]] = []
-    for line, text in enumerate(read_text(source, "tracks").splitlines(), start=1):
-        fields = text.split()
-        if not fields:
-            continue
-        column_counts = (len(rows[0]),) if rows else (_OF_BOXES, _OF_IMAGES)
-        if len(fields) not in column_counts:
-            raise FileFormatError(
-                f"{source}: line {line} has {len(fields)} columns instead of "
-                f"{' or '.join(map(str, column_counts))}."
-            )
-        rows.append(parse_numbers(fields, source, line))
-        if not np.isfinite(rows[-1]).all():
-            raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
-    if not rows:
-        return np.zeros((0, 4))
-    table = np.array(rows)
+    table = read_rows(source, "tracks", (_OF_BOXES, _OF_IMAGES))
     if table.shape[1] == _OF_BOXES:
         table = table[table[:, 1] == _PERSON]
         scenes = [f"{one:g}" for one in np.unique(table[:, 0])]

@@ -1,0 +1,123 @@
+"""Reading of text files with one row per line: CSV with a header, and plain numbers."""
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.adapters.files._documents import StrPath, parse_numbers, read_text
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+
+_SEPARATOR = re.compile(r"\s*,\s*|\s+")
+_TOO_LARGE = 2.0**53  # from here on, not every whole number is a float
+
+
+class CsvTable(NamedTuple):
+    """The words of a CSV file without blank rows and the spaces around words.
+
+    Attributes:
+        source: the file.
+        header: the first row; empty if there are no rows.
+        rows: the others.
+        lines: number of the line of each of these.
+    """
+
+    source: Path | str
+    header: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+
+    def columns(self) -> dict[str, tuple[str, ...]]:
+        """Words of each column by its name in the header.
+
+        Raises:
+            FileFormatError: naming the first line with too few or too many columns.
+        """
+        for line, row in zip(self.lines, self.rows, strict=True):
+            if len(row) != len(self.header):
+                raise FileFormatError(
+                    f"{self.source}: line {line} has {len(row)} columns instead of "
+                    f"{len(self.header)}. Separate columns by commas and write decimals with a "
+                    "point."
+                )
+        words = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
+        return dict(zip(self.header, words, strict=True))
+
+
+def read_csv(path: StrPath, meaning: str) -> CsvTable:
+    """Read a CSV file.
+
+    Args:
+        path: the file.
+        meaning: what it is, for messages.
+
+    Raises:
+        InvalidInputError: if there is no such file.
+        FileFormatError: naming the first line that is not CSV.
+    """
+    reader = csv.reader(io.StringIO(read_text(path, meaning)))
+    rows, lines = [], []
+    try:
+        for row in reader:
+            words = [word.strip() for word in row]
+            if any(words):
+                rows.append(words)
+                lines.append(reader.line_num)
+    except csv.Error as error:
+        raise FileFormatError(
+            f"{path}: line {reader.line_num} is not valid CSV: {quoted(error)}."
+        ) from error
+    return CsvTable(str(path), rows[0] if rows else [], rows[1:], lines[1:])
+
+
+def read_rows(
+    path: StrPath, meaning: str, columns: Sequence[int], *, more: bool = False, whole: int = 0
+) -> Float[np.ndarray, "row column"]:
+    """Read lines of numbers, separated by commas or spaces and as many in each; skip blank ones.
+
+    Args:
+        path: the file.
+        meaning: what it is, for messages.
+        columns: numbers of columns that it may have.
+        more: whether it may have more.
+        whole: number of columns, from the first on, that hold whole numbers.
+
+    Raises:
+        InvalidInputError: if there is no such file, or naming the first line with a number that is
+            not finite.
+        FileFormatError: naming the first line that has another number of columns, or a value that
+            is not a number or not a whole one below 2^53.
+    """
+    rows, lines = [], []
+    for line, text in enumerate(read_text(path, meaning).splitlines(), start=1):
+        if not text.strip():
+            continue
+        words = _SEPARATOR.split(text.strip().rstrip(","))
+        fits = len(words) in columns or (more and len(words) > max(columns))
+        if not fits or (rows and len(words) != len(rows[0])):
+            wanted = str(len(rows[0])) if rows else " or ".join(map(str, columns))
+            raise FileFormatError(
+                f"{path} ({meaning}): line {line} has {len(words)} columns instead of {wanted}."
+            )
+        rows.append(parse_numbers(words, path, f"line {line}"))
+        lines.append(line)
+    table = np.array(rows, np.float64).reshape(len(rows), -1 if rows else columns[0])
+    bad = ~np.isfinite(table).all(axis=1)
+    if bad.any():
+        raise InvalidInputError(
+            f"{path}: line {lines[int(np.argmax(bad))]} has a number that is not finite."
+        )
+    first = table[:, :whole]
+    bad = (first != np.round(first)) | (np.abs(first) >= _TOO_LARGE)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        raise FileFormatError(
+            f"{path} ({meaning}): column {column + 1} of line {lines[row]} is "
+            f"{first[row, column]:g}, not a whole number below 2^53."
+        )
+    return table
