@@ -119,7 +119,8 @@ def load_value(path: Path, kind: type[T]) -> T:
         FileFormatError: if the file holds something else.
     """
     arrays = load_arrays(path, kind.__name__, required=None)
-    return naming_file(path, lambda: from_arrays(kind, arrays))
+    with naming_file(path):
+        return from_arrays(kind, arrays)
 
 
 def to_arrays(value: Any) -> Arrays:

@@ -3,17 +3,15 @@
 import math
 import os
 import zipfile
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types._validation import as_path
 from catfree.types._writing import replacing
-
-T = TypeVar("T")
 
 _KIND = "catfree_kind"
 
@@ -138,10 +136,11 @@ def read_archive(
         ) from error
 
 
-def naming_file(source: str | os.PathLike[str], build: Callable[[], T]) -> T:
-    """Call a type's constructor or a check, and prefix its error with the file's name."""
+@contextmanager
+def naming_file(source: str | os.PathLike[str]) -> Iterator[None]:
+    """Prefix the errors of a type's constructor or of a check with the file's name."""
     try:
-        return build()
+        yield
     except InvalidInputError as error:
         raise InvalidInputError(f"{source}: {error}") from error
 

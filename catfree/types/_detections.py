@@ -324,9 +324,8 @@ class Detections(eqx.Module):
         required = ("frame", "camera", "box")
         arrays = load_arrays(path, "Detections", required=required, optional=optional)
         columns = {name: array for name, array in arrays.items() if name != "clock"}
-        return naming_file(
-            path, lambda: cls(**columns, clock=clock_from_array(arrays.get("clock")))
-        )
+        with naming_file(path):
+            return cls(**columns, clock=clock_from_array(arrays.get("clock")))
 
 
 def require_pandas() -> Any:

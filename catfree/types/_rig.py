@@ -205,7 +205,8 @@ class Rig(eqx.Module):
         """
         required, optional = RIG_FIELDS
         arrays = load_arrays(path, "Rig", required=required, optional=optional)
-        return naming_file(path, lambda: cls(**arrays))
+        with naming_file(path):
+            return cls(**arrays)
 
 
 def require_cameras(K: Any, R: Any, registered: Bool[np.ndarray, " cam"]) -> None:

@@ -206,8 +206,7 @@ class Scene(eqx.Module):
         optional += ["georeference", "deviation"]
         arrays = load_arrays(path, "Scene", required=required, optional=optional)
         of_rig = {k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")}
-
-        def build() -> Scene:
+        with naming_file(path):
             metric = as_boolean(arrays["metric"], "metric")
             require_shape(metric, (), "metric")
             ground = Plane(arrays["normal"], arrays["offset"])
@@ -219,8 +218,6 @@ class Scene(eqx.Module):
                 sd = float(sd)
             scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric), earth, sd)
             return require_plausible_heights(scene)
-
-        return naming_file(path, build)
 
 
 def require_scene(scene: Any) -> None:

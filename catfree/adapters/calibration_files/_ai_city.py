@@ -83,7 +83,8 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
     if not names:
         raise FileFormatError(f"{source} holds no camera.")
     rig = rig_of(cameras, source)
-    return naming_file(source, lambda: NamedRig(rig, tuple(names)))
+    with naming_file(source):
+        return NamedRig(rig, tuple(names))
 
 
 def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -> Path:

@@ -86,7 +86,8 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         for key, camera in cameras.items()
     )
     rig = rig_of(file_cameras, source)
-    return naming_file(source, lambda: NamedRig(rig, names))
+    with naming_file(source):
+        return NamedRig(rig, names)
 
 
 def write_anipose_toml(

@@ -45,7 +45,8 @@ def rig_of(cameras: Sequence[FileCamera], source: StrPath) -> Rig:
     """Join the cameras of a file to a rig; errors name the file."""
     K, R, t, size, distortion, lens = zip(*cameras, strict=True)
     K, R, t, size = (np.stack(part) for part in (K, R, t, size))
-    return naming_file(source, lambda: Rig(K, R, t, size, distortion_of(distortion), lens=lens))
+    with naming_file(source):
+        return Rig(K, R, t, size, distortion_of(distortion), lens=lens)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -137,13 +137,10 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
         names = [field.name for field in dataclasses.fields(GeoReference)]
         values = [numbers_of(earth, name, None, source, "georeference") for name in names]
         earth = np.concatenate(values)
-
-    def build() -> Scene:
+    with naming_file(source):
         georeference = None if earth is None else GeoReference.of_array(earth)
         scene = Scene(named.rig, Plane(normal, offset), extent, metric, georeference, sd)
-        return require_plausible_heights(scene)
-
-    return naming_file(source, build), named.names
+        return require_plausible_heights(scene), named.names
 
 
 def _rig_document(rig: Rig, names: Sequence[str] | None, metric: bool) -> dict[str, Any]:
@@ -212,9 +209,8 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
         # If other cameras have coefficients, a camera without any is an ideal pinhole.
         distortion = np.stack(lens)
         distortion = distortion if distortion[:, 5:].any() else distortion[:, :5]
-    rig = naming_file(
-        source,
-        lambda: Rig(
+    with naming_file(source):
+        rig = Rig(
             np.stack(K),
             np.stack(R),
             np.stack(t),
@@ -223,9 +219,8 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
             np.array(registered),
             np.array(kinds),
             _stacked(rays, source),
-        ),
-    )
-    return naming_file(source, lambda: NamedRig(rig, tuple(names)))
+        )
+        return NamedRig(rig, tuple(names))
 
 
 def _lens(name: Any, source: Path, where: str) -> Lens:

@@ -191,9 +191,8 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
                 f"{source}, line {line}: there is no camera {quoted(word)} among "
                 f"{shortened(', '.join(camera_names))}."
             )
-    frames = naming_file(
-        source, lambda: as_integer(_numbers(table[plain[frame]], plain[frame], source), "frame")
-    )
+    with naming_file(source):
+        frames = as_integer(_numbers(table[plain[frame]], plain[frame], source), "frame")
     return np.column_stack([frames, np.array([camera_index[word] for word in cameras], np.int64)])
 
 
@@ -282,7 +281,8 @@ def _part_of_parquet(path: Path) -> _Part:
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]
     part = _part_of_table(values_of(table, plain, path), path)
     options = optional_columns(table, path)
-    detections = naming_file(path, lambda: replace(part.detections, **options))
+    with naming_file(path):
+        detections = replace(part.detections, **options)
     return replace(part, detections=detections)
 
 
@@ -324,9 +324,8 @@ def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
                 names = tuple(sorted(set(words), key=natural_order))
                 cameras = np.array(words)
         columns[camera] = cameras
-    detections = naming_file(
-        path,
-        lambda: Detections.from_table(
+    with naming_file(path):
+        detections = Detections.from_table(
             columns,
             frame=frame,
             camera=0 if camera is None else camera,
@@ -334,8 +333,7 @@ def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
             form="xyxy" if form == "xyxy" else "xywh",
             score=score,
             camera_names=names,
-        ),
-    )
+        )
     return _Part(detections, names, one_camera=camera is None)
 
 

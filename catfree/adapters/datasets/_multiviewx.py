@@ -166,7 +166,8 @@ def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Anno
     numbering = {person: at for at, person in enumerate(dict.fromkeys(p for _, p in people))}
     truth = [(f - shift, numbering[p], *positions[f, p]) for f, p in people]
     identity = np.array([numbering[p] for p in table[:, 2].tolist()], np.int64)
-    detections = naming_file(folder, lambda: Detections(table[:, 0], table[:, 1], box))
+    with naming_file(folder):
+        detections = Detections(table[:, 0], table[:, 1], box)
     return Annotations(
         frames=np.unique(table[:, 0]),
         detections=detections,

@@ -94,28 +94,28 @@ def _read_scene(path: Path) -> tuple[Scene, float, int]:
     extent = value("extent")
     size = numbers_of(document, "image_size", None, path, "the file")
     size = size if len(size) == 2 else value("image_size", count, 2)
-    fps = naming_file(path, lambda: as_positive(float(value("fps")), "fps"))
+    with naming_file(path):
+        fps = as_positive(float(value("fps")), "fps")
     frames = float(value("frames"))
     if not (0 <= frames <= _MOST_FRAMES and frames == int(frames)):
         raise FileFormatError(f"{path}: frames is {frames}; it must be the number of frames.")
-    scene = naming_file(path, lambda: Scene(Rig(K, R, t, size), Plane(normal, offset), extent))
+    with naming_file(path):
+        scene = Scene(Rig(K, R, t, size), Plane(normal, offset), extent)
     return scene, fps, int(frames)
 
 
 def _read_detections(path: Path, camera_count: int) -> Detections:
     names = ("frame", "cam", "box", "score", "ankle", "emb")
     arrays = read_npz(path, "detections", names)
-    detections = naming_file(
-        path,
-        lambda: Detections(
+    with naming_file(path):
+        detections = Detections(
             arrays["frame"],
             arrays["cam"],
             as_float(arrays["box"]).astype(np.float64),
             score=as_float(arrays["score"]).astype(np.float64),
             ankles_confirmed=arrays["ankle"],
             embedding=as_float(arrays["emb"]).astype(np.float32),
-        ),
-    )
+        )
     if len(detections) and detections.camera.max() >= camera_count:
         raise InvalidInputError(
             f"{path} has detections of camera {detections.camera.max()}, but rig.json has "

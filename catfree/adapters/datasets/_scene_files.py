@@ -99,7 +99,8 @@ def read_scene(
     plane = at_zero if ground is None else ground
     plane = Plane(np.asarray(plane.normal), np.asarray(plane.offset) * scale)
     scaled = replace(rig, t=np.asarray(rig.t) * scale) if scale != 1 else rig
-    scene = naming_file(source, lambda: Scene.from_rig(scaled, plane, metric=unit != "arbitrary"))
+    with naming_file(source):
+        scene = Scene.from_rig(scaled, plane, metric=unit != "arbitrary")
     return scene, named.names
 
 
@@ -198,7 +199,8 @@ def _with_ground(
     if ground is None:
         return scene, names
     # Another ground does not make the cameras more certain.
-    other = naming_file(source, lambda: Scene.from_rig(scene.rig, ground, scene.metric))
+    with naming_file(source):
+        other = Scene.from_rig(scene.rig, ground, scene.metric)
     return replace(other, rig_sd=scene.rig_sd), names
 
 

@@ -87,16 +87,17 @@ def read_uniform_json(
     fps = document.get("fps")
     if fps is not None:
         rate = float(numbers(fps, (), source, "fps"))
-        fps = naming_file(source, lambda: as_positive(rate, "fps"))
+        with naming_file(source):
+            fps = as_positive(rate, "fps")
     if rig is not None:
         require_people_in_front(rig, positions[:, 2:], source)
+    with naming_file(source):
+        scene = None if rig is None or rig.camera_count < 2 else metric_scene(rig)
     return MultiViewSequence(
         name=text_of(document.get("name", source.stem), source, "the name"),
         detections=table.detections(embedding),
         rig=rig,
-        scene=None
-        if rig is None or rig.camera_count < 2
-        else naming_file(source, lambda: metric_scene(rig)),
+        scene=scene,
         ground_truth=positions,
         frames=frames[order],
         camera_names=names,
@@ -171,13 +172,12 @@ class _BoxTable:
         keypoints = self.column("kpts", (17, 3))
         ankles = None if keypoints is None else ankles_confirmed(keypoints)
         score = self.column("score", ())
-        naming_file(self.source, lambda: require_boxes(len(box), box, score, keypoints, self.place))
+        with naming_file(self.source):
+            require_boxes(len(box), box, score, keypoints, self.place)
         vectors = None if embedding is None else self.embedding(embedding)
         frame, camera = (np.array([row[at] for row in self.rows], np.int64) for at in (0, 1))
-        return naming_file(
-            self.source,
-            lambda: Detections(frame, camera, box, score, ankles, vectors, keypoints),
-        )
+        with naming_file(self.source):
+            return Detections(frame, camera, box, score, ankles, vectors, keypoints)
 
     def embedding(self, name: str) -> np.ndarray:
         """Return (N, D) float32 rows of the array `name` in the archive beside the JSON."""

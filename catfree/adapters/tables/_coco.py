@@ -111,15 +111,13 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     names = {image.camera for image in images_by_id.values()} | set(camera)
     ordered = sorted(names, key=natural_order)
     index = {name: at for at, name in enumerate(ordered)}
-    detections = naming_file(
-        source,
-        lambda: Detections(
+    with naming_file(source):
+        detections = Detections(
             np.array(frame, np.int64),
             np.array([index[name] for name in camera], np.int64),
             np.array(corners).reshape(-1, 4),
             np.array(score) if score else None,
-        ),
-    )
+        )
     sizes = {image.camera: image.size for image in images_by_id.values()}
     stated = [sizes.get(name) for name in ordered]
     size = np.array(stated, np.int64) if stated and all(stated) else None

@@ -89,10 +89,9 @@ def read_detections_parquet(
     options = optional_columns(table, path)
     if "score" in table.column_names:
         options |= values_of(table, ["score"], path)
-    box = np.stack(
-        [naming_file(path, lambda name=name: as_float(column[name])) for name in _BOX], axis=-1
-    )
-    return naming_file(path, lambda: Detections(column["frame"], column["camera"], box, **options))
+    with naming_file(path):
+        box = np.stack([as_float(column[name]) for name in _BOX], axis=-1)
+        return Detections(column["frame"], column["camera"], box, **options)
 
 
 def rows_of(table: Any, path: StrPath, wanted: Any = None) -> "pyarrow.Table":
@@ -192,7 +191,8 @@ def frame_range(path: StrPath) -> tuple[int, int]:
         raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
     if not low:
         raise InvalidInputError(f"{path} holds no boxes, so there is nothing to cut into shards.")
-    first, last = naming_file(path, lambda: as_integer([min(low), max(high)], "frame"))
+    with naming_file(path):
+        first, last = as_integer([min(low), max(high)], "frame")
     return int(first), int(last) + 1
 
 
@@ -207,4 +207,5 @@ def clock_of(table: Any, path: StrPath) -> Clock | None:
         InvalidInputError: if its metadata are damaged.
     """
     text = (table.schema.metadata or {}).get(_CLOCK)
-    return None if text is None else naming_file(path, lambda: clock_from_text(text))
+    with naming_file(path):
+        return None if text is None else clock_from_text(text)

@@ -58,9 +58,8 @@ class MotTable:
         """
         scored = self.confidence is not None and bool((self.confidence != -1).any())
         score, cameras = self.confidence if scored else None, np.full(len(self.frame), camera)
-        return naming_file(
-            self.source, lambda: Detections(self.frame, cameras, self.box, score=score)
-        )
+        with naming_file(self.source):
+            return Detections(self.frame, cameras, self.box, score=score)
 
     def to_rows(self) -> Float[np.ndarray, "n 4"]:
         """(N, 4) rows [frame, id, x, y] of world positions for `catfree.evaluation`.
@@ -92,7 +91,8 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
     table = read_rows(source, _ROWS, (6,), more=True, whole=2)
     with np.errstate(over="ignore"):
         box = np.concatenate([table[:, 2:4], table[:, 2:4] + table[:, 4:6]], axis=-1)
-    naming_file(source, lambda: require_finite(box, "box"))
+    with naming_file(source):
+        require_finite(box, "box")
     frame = table[:, 0].astype(np.int64)
     if frames is not None:
         frame_list = _ascending(frames)

@@ -131,7 +131,8 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         velocity_covariance=velocity_covariance,
         clock=_clock_of(source, column["frame"], column.get(_TIME)),
     )
-    naming_file(source, lambda: require_sound_tracks(tracks))
+    with naming_file(source):
+        require_sound_tracks(tracks)
     return tracks
 
 

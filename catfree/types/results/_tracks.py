@@ -370,10 +370,11 @@ class Tracks(eqx.Module):
         )  # fmt: skip
         required = [name for name in cls.__annotations__ if name not in optional]
         arrays = load_arrays(path, "Tracks", required=required, optional=optional)
-        clock = naming_file(path, lambda: clock_from_array(arrays.pop("clock", None)))
-        naming_file(path, lambda: require_declared_types(cls, arrays))
-        tracks = cls(**arrays, clock=clock)
-        naming_file(path, lambda: require_sound_tracks(tracks))
+        with naming_file(path):
+            clock = clock_from_array(arrays.pop("clock", None))
+            require_declared_types(cls, arrays)
+            tracks = cls(**arrays, clock=clock)
+            require_sound_tracks(tracks)
         return tracks
 
 

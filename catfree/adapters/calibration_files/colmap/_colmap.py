@@ -103,7 +103,8 @@ def read_colmap(folder: StrPath) -> NamedRig:
         file_cameras.append(FileCamera(matrix, R, translation, size, coefficients, kind))
     rig = rig_of(file_cameras, root)
     names = tuple(image[0] for image in images)
-    return naming_file(source, lambda: NamedRig(rig, names, points))
+    with naming_file(source):
+        return NamedRig(rig, names, points)
 
 
 def write_colmap_text(
