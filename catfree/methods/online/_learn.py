@@ -6,7 +6,6 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import expit
 
 from catfree.errors import InsufficientDataError
 from catfree.methods.evidence._gaussian import mean_and_covariance
@@ -31,8 +30,6 @@ from catfree.methods.evidence.observe._visibility import (
 )
 from catfree.methods.evidence.report._working_area import usual_place
 from catfree.methods.evidence.track._existence import (
-    cells_of_boxes,
-    count_clutter,
     judge_groups,
     with_pictures,
 )
@@ -139,8 +136,7 @@ def learn_noise_and_unit(
         rate = rate_of_counts(heights, trials, hits, settings)
         agreement = appearance_log_odds(groups, ratios)
         judged = judge_groups(groups, agreement, measured, boxes, views, rate(predicted), settings)
-        g, cell = cells_of_boxes(groups.member, measured, views)
-        clutter = count_clutter(cell, expit(judged.log_odds)[g], scene.rig.camera_count)
+        clutter = judged.clutter
     old_unit = float(learned.unit)
     length = 1.0 if np.isnan(old_unit) else old_unit / unit
     learned = replace(
