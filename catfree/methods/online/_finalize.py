@@ -21,7 +21,7 @@ from catfree.methods.evidence.track._identify import (
     match_chains,
     nodes_of,
 )
-from catfree.methods.evidence.track._presence import later_frames
+from catfree.methods.evidence.track._presence import chain_weights
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
     Population,
@@ -171,7 +171,8 @@ def finalize(
         return column(name)[row]
 
     evidence, forward = of_trails("evidence"), of_trails("forward")
-    on, off = (forward + later_frames(trails, evidence, settings.change_evidence)).T
+    backward = chain_weights(trails, evidence, settings.change_evidence, last=True)
+    on, off = (forward + backward).T
     probability = expit(on - evidence - off)
     last = np.r_[np.diff(trails.track) != 0, True]
     weight = of_trails("weight")[last][np.cumsum(np.r_[0, last[:-1]])]
