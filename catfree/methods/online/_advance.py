@@ -34,9 +34,10 @@ from catfree.methods.evidence.track._tracking import (
     CONSECUTIVE,
     Alone,
     Heads,
-    Linker,
     Motion,
+    Population,
     Trails,
+    link,
     motion_of,
     mutual_steps,
     predict,
@@ -113,8 +114,9 @@ def advance(
     looks = looks_of(ratios, groups.member) if ratios and settings.link_by_looks else None
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
     info = groups.info[rows]
-    linker, alone = Linker(motion, settings, looks), Alone.of(info, density, spread)
-    node, heads = linker.link(state.heads, info, alone, rows, step)
+    population = Population(np.zeros(1), motion, density, spread, settings, looks)
+    alone = Alone.of(info, density, spread)
+    node, heads = link(state.heads, info, alone, rows, step, population)
     hit = node.group >= 0
     hit_groups = node.group[hit]
     instant = np.zeros(len(hit), np.int64)
