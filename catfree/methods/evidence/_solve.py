@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.learn._self_calibration import self_calibrate
 from catfree.methods.evidence.observe._boxes import float_width_of
 from catfree.methods.evidence.passes._add_pose_errors import add_pose_errors
 from catfree.methods.evidence.passes._choose_reported import choose_reported
@@ -58,7 +59,9 @@ def solve(
     report = progress or no_progress
     with float_width_of(detections.box):
         report("self-calibration", 0, 1)
-        state = observe_boxes(detections, scene, settings, silent, keep)
+        # Nothing else holds the used detections: they may be a copy of all embeddings.
+        learned = self_calibrate(detections if keep is None else detections[keep], scene, settings)
+        state = observe_boxes(detections, scene, *learned, settings, silent, keep)
         # The tracks of one round are the priors of the next.
         rounds = settings.passes if state.is_tracked(settings) else 1
         passes = (learn_looks, *(ASSOCIATE * rounds), choose_reported, *(FINISH * finish))

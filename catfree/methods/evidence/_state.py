@@ -17,7 +17,7 @@ from catfree.methods.evidence.observe._visibility import (
     rate_before_counting,
     usual_heights,
 )
-from catfree.methods.evidence.track._existence import Existence
+from catfree.methods.evidence.track._existence import Existence, not_judged
 from catfree.methods.evidence.track._tracking import (
     Motion,
     Population,
@@ -109,7 +109,7 @@ def first_state(
         groups=Groups(rows, np.zeros((0, cameras), np.int64), nothing, numbers),
         place=np.zeros((0, 3)),
         rate=rate_before_counting(heights, settings),
-        existence=Existence(numbers, np.zeros((0, cameras))),
+        existence=not_judged(0, cameras),
         motion=usual_motion(settings),
         looks=None,
         trails=_nobody(),
@@ -133,12 +133,11 @@ def _nobody() -> Trails:
 def with_groups(state: EvidenceState, groups: Groups) -> EvidenceState:
     """The state with other groups: nothing is known of them, and the tracks of the old ones go."""
     place, _ = mean_and_covariance(groups.info, float(state.noise.spread))
-    unknown = np.zeros(groups.member.shape)
     return replace(
         with_tracks(state, _nobody(), np.zeros(0), np.zeros(0)),
         groups=groups,
         place=place,
-        existence=Existence(unknown[:, 0], unknown),
+        existence=not_judged(*groups.member.shape),
         looks=None,
     )
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import expit
 
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import (
@@ -25,11 +24,7 @@ from catfree.methods.evidence.observe._visibility import (
 from catfree.methods.evidence.report._uneven_ground import ground_shift
 from catfree.methods.evidence.report._working_area import design_sigma, whole_views
 from catfree.methods.evidence.track._existence import (
-    cells_of_boxes,
-    clutter_at,
-    count_clutter,
-    delivered,
-    log_odds_without_clutter,
+    judge_groups,
     misses,
     with_pictures,
 )
@@ -39,9 +34,10 @@ from catfree.methods.evidence.track._tracking import (
     CONSECUTIVE,
     Alone,
     Heads,
-    Linker,
     Motion,
+    Population,
     Trails,
+    link,
     motion_of,
     mutual_steps,
     predict,
@@ -109,22 +105,18 @@ def advance(
     predicted = expected_views(place, groups.frame, boxes, views, settings, groups.member)
     predicted = with_pictures(predicted, groups.frame, boxes)
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
-    pictured = rate(predicted)
-    arrived = delivered(pictured, groups, boxes, settings)
-    pictured = pictured * arrived[groups.frame]
-    agreement = appearance_log_odds(groups, ratios)
-    base = log_odds_without_clutter(groups.gain + agreement, groups.member, pictured, settings)
-    g, cell = cells_of_boxes(groups.member, measured, views)
-    clutter = np.ones(len(g))
-    if settings.local_clutter:
-        clutter = clutter_at(cell, learned.clutter, settings)
-    log_odds = base - np.bincount(g, np.log(clutter), len(base))
+    existence = judge_groups(
+        groups, appearance_log_odds(groups, ratios), measured, boxes, views, rate(predicted),
+        settings, learned.clutter,
+    )  # fmt: skip
+    log_odds = existence.log_odds
 
     looks = looks_of(ratios, groups.member) if ratios and settings.link_by_looks else None
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
     info = groups.info[rows]
-    linker, alone = Linker(motion, settings, looks), Alone.of(info, density, spread)
-    node, heads = linker.link(state.heads, info, alone, rows, step)
+    population = Population(np.zeros(1), motion, density, spread, settings, looks)
+    alone = Alone.of(info, density, spread)
+    node, heads = link(state.heads, info, alone, rows, step, population)
     hit = node.group >= 0
     hit_groups = node.group[hit]
     instant = np.zeros(len(hit), np.int64)
@@ -173,7 +165,7 @@ def advance(
         learned,
         trials=learned.trials + trials,
         hits=learned.hits + hits,
-        clutter=learned.clutter + count_clutter(cell, expit(log_odds)[g], len(active)),
+        clutter=learned.clutter + existence.clutter,
         steps=steps,
         active=active,
     )

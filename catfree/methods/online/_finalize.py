@@ -10,7 +10,6 @@ from scipy.special import expit
 
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._appearance import Looks
-from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._working_area import UsualPlace
 from catfree.methods.evidence.track._identify import (
@@ -22,7 +21,7 @@ from catfree.methods.evidence.track._identify import (
     match_chains,
     nodes_of,
 )
-from catfree.methods.evidence.track._presence import later_frames
+from catfree.methods.evidence.track._presence import chain_weights
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
     Population,
@@ -166,33 +165,32 @@ def finalize(
     row[by_frame] = np.arange(len(trails))
 
     def column(name: str) -> np.ndarray:
-        return np.concatenate([getattr(i, name) for i in window])[row]
+        return np.concatenate([getattr(i, name) for i in window])
 
-    evidence, forward, weight = column("evidence"), column("forward"), column("weight")
-    on, off = (forward + later_frames(trails, evidence, settings.change_evidence)).T
+    def of_trails(name: str) -> np.ndarray:
+        return column(name)[row]
+
+    evidence, forward = of_trails("evidence"), of_trails("forward")
+    backward = chain_weights(trails, evidence, settings.change_evidence, last=True)
+    on, off = (forward + backward).T
     probability = expit(on - evidence - off)
     last = np.r_[np.diff(trails.track) != 0, True]
-    weight = weight[last][np.cumsum(np.r_[0, last[:-1]])]
-    info = Information(*(np.concatenate(part) for part in (
-        [i.matrix for i in window], [i.vector for i in window],
-        [np.zeros(len(i.matrix)) for i in window],
-    )))  # fmt: skip
-    look, boxes = (np.concatenate([getattr(i, n) for i in window]) for n in ("look", "boxes"))
-    empty = np.zeros(first[-1], np.int64)
-    support = np.zeros((first[-1], len(learned.active)), np.int64)
-    groups = Groups(empty, support, info, np.zeros(first[-1]))
+    weight = of_trails("weight")[last][np.cumsum(np.r_[0, last[:-1]])]
+    info = Information(column("matrix"), column("vector"), np.zeros(len(trails)))
     likeness = likeness_of(learned) if settings.link_by_looks else None
     looks = None
     if likeness is not None:
-        looks = Looks(look, boxes, likeness, settings.appearance_weight)
-    covariance, sharp = sharp_positions(trails.covariance, column("shift"), probability, settings)
+        looks = Looks(column("look"), column("boxes"), likeness, settings.appearance_weight)
+    covariance, sharp = sharp_positions(
+        trails.covariance, of_trails("shift"), probability, settings
+    )
     oldest = trails.frame < ready
     alone = one_per_place(
         trails.frame, trails.mean, trails.covariance, trails.group >= 0, weight, sharp & oldest,
         settings.personal_space,
     )  # fmt: skip
     sharp = np.where(oldest, alone, sharp)
-    reported = sharp & _in_working_area(column("place"), learned, settings)
+    reported = sharp & _in_working_area(of_trails("place"), learned, settings)
     extra = covariance - trails.covariance[:, :2, :2]
     walk = replace(motion, memory=motion.memory**settings.sudden)
     population = Population(time, walk, float(noise.density), spread, settings, looks)
@@ -201,10 +199,10 @@ def finalize(
         at_frame = by_frame[first[t] : first[t + 1]]
         rows = at_frame[reported[at_frame]]
         state, names, merged = _identify(
-            state, float(window[t].time), trails, t, reported, extra, groups, population
+            state, float(window[t].time), trails, t, reported, extra, info, population
         )
         events += merged
-        place = window[t].place[np.searchsorted(window[t].node.track, trails.track[at_frame])]
+        place = window[t].place  # in the same order: by track
         fully = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
         sharp_people = np.column_stack([trails.mean[at_frame, :2], place])[sharp[at_frame]]
         learned = learn_places(state.learned, sharp_people, fully, settings)
@@ -224,7 +222,7 @@ def _identify(
     frame: int,
     reported: np.ndarray,
     extra: np.ndarray,
-    groups: Groups,
+    info: Information,
     population: Population,
 ) -> tuple[TrackerState, Int[np.ndarray, " n"], list[Event]]:
     """Match the final positions so far with all that is known from one frame on."""
@@ -238,7 +236,7 @@ def _identify(
     rows = rows[np.argsort(trails.frame[rows], kind="stable")]
     if len(rows) == 0:
         return replace(state, pasts=pasts), np.zeros(0, np.int64), []
-    nodes = nodes_of(trails, rows, extra, groups, population.looks)
+    nodes = nodes_of(trails, rows, extra, info, population.looks)
     dim = pasts.look.shape[1]
     if nodes.look.shape[1] != dim:
         nodes = nodes._replace(look=np.zeros((len(rows), dim)))

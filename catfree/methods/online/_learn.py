@@ -6,36 +6,20 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import expit
 
 from catfree.errors import InsufficientDataError
-from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import (
     Likeness,
-    appearance_log_odds,
     learn_ratios,
 )
-from catfree.methods.evidence.group._group import group
 from catfree.methods.evidence.learn._self_calibration import (
     learn_once_more,
     self_calibrate,
 )
-from catfree.methods.evidence.observe._boxes import prepare_boxes
-from catfree.methods.evidence.observe._measurement import measure_boxes
-from catfree.methods.evidence.observe._views import ground_views
-from catfree.methods.evidence.observe._visibility import (
-    count_detections,
-    expected_views,
-    rate_of_counts,
-    usual_heights,
-)
+from catfree.methods.evidence.passes._group_boxes import group_boxes
+from catfree.methods.evidence.passes._observe_boxes import observe_boxes
+from catfree.methods.evidence.passes._weigh_groups import weigh_groups
 from catfree.methods.evidence.report._working_area import usual_place
-from catfree.methods.evidence.track._existence import (
-    cells_of_boxes,
-    count_clutter,
-    judge_groups,
-    with_pictures,
-)
 from catfree.methods.online._tracker_state import Learned, TrackerState, rescaled
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
@@ -119,12 +103,9 @@ def learn_noise_and_unit(
             return state
     except InsufficientDataError:  # no whole person on the ground yet
         return state
-    boxes = prepare_boxes(sample, scene.rig, settings, state.missing)
-    views = ground_views(scene, unit, boxes)
-    measured = measure_boxes(boxes, views, noise, settings)
-    groups = group(boxes, measured, noise, settings.gate)
-    heights = usual_heights(boxes.size, boxes.camera, scene.rig.camera_count, settings)
-    ratios = learn_ratios(boxes, groups, settings)
+    seen = observe_boxes(sample, scene, unit, noise, settings, state.missing)
+    seen = group_boxes(seen, settings)
+    ratios = learn_ratios(seen.boxes, seen.groups, settings)
     likeness_numbers = learned.likeness
     if ratios is not None:
         likeness = ratios.likeness
@@ -132,22 +113,15 @@ def learn_noise_and_unit(
     trials, hits, clutter = learned.trials, learned.hits, learned.clutter
     if state.count <= SETTLED:
         # Count all instants so far again: they were seen with less settled noise.
-        place, _ = mean_and_covariance(groups.info, float(noise.spread))
-        predicted = expected_views(place, groups.frame, boxes, views, settings, groups.member)
-        predicted = with_pictures(predicted, groups.frame, boxes)
-        trials, hits = count_detections(predicted, groups.member, heights, settings)
-        rate = rate_of_counts(heights, trials, hits, settings)
-        agreement = appearance_log_odds(groups, ratios)
-        judged = judge_groups(groups, agreement, measured, boxes, views, rate(predicted), settings)
-        g, cell = cells_of_boxes(groups.member, measured, views)
-        clutter = count_clutter(cell, expit(judged.log_odds)[g], scene.rig.camera_count)
+        seen = weigh_groups(replace(seen, ratios=ratios), settings)
+        trials, hits, clutter = seen.rate.trials, seen.rate.hits, seen.existence.clutter
     old_unit = float(learned.unit)
     length = 1.0 if np.isnan(old_unit) else old_unit / unit
     learned = replace(
         learned,
         unit=np.array(unit),
         noise=jax.tree.map(np.asarray, noise),
-        heights=heights,
+        heights=seen.rate.heights,
         trials=trials,
         hits=hits,
         clutter=clutter,

@@ -75,11 +75,14 @@ class DetectionRate(eqx.Module):
     Attributes:
         heights: (C, 2) box heights that separate the bins, in pixels.
         covers: (4,) hidden shares that separate the bins.
-        rate: (C, 3, 5) by camera, height and cover.
+        trials, hits: (C, 3, 5) people who should be detected, and are, by camera, height and cover.
+        rate: (C, 3, 5) probability in each bin.
     """
 
     heights: Float[np.ndarray, "cam 2"]
     covers: Float[np.ndarray, "4"]
+    trials: Float[np.ndarray, "cam 3 5"]
+    hits: Float[np.ndarray, "cam 3 5"]
     rate: Float[np.ndarray, "cam 3 5"]
 
     def __call__(self, visibility: Views) -> np.ndarray:
@@ -160,4 +163,4 @@ def rate_of_counts(
     shrunk = (hits + pseudo * prior) / (trials + pseudo)
     # Counting may halve the distance to certainty and no more, however long it goes on.
     rate = np.clip(shrunk, low / 2, (1 + high) / 2)
-    return DetectionRate(heights, np.array(settings.cover_edges), rate)
+    return DetectionRate(heights, np.array(settings.cover_edges), trials, hits, rate)

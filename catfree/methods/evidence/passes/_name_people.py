@@ -13,5 +13,5 @@ def name_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
         return state
     error = state.position_covariance - state.trails.covariance[:, :2, :2]
     population = state.population(settings)
-    identity = identify(state.trails, state.kept, error, state.groups, population)
+    identity = identify(state.trails, state.kept, error, state.groups.info, population)
     return replace(state, identity=identity)

@@ -27,10 +27,19 @@ class Existence:
     Attributes:
         log_odds: (H,) log-odds that a person is present.
         rate: (H, C) detection probability, 0 for cameras without a frame.
+        clutter: (2, C, cells, cells) expected number of boxes of people, and of other boxes, in
+            every cell of every camera.
     """
 
     log_odds: Float[np.ndarray, " group"]
     rate: Float[np.ndarray, "group cam"]
+    clutter: Float[np.ndarray, "2 cam cells cells"]
+
+
+def not_judged(groups: int, cameras: int) -> Existence:
+    """Existence of groups before any evidence."""
+    unknown = np.zeros((groups, cameras))
+    return Existence(unknown.sum(1), unknown, np.zeros((2, cameras, CELLS, CELLS)))
 
 
 def with_pictures(visibility: Views, frame: Int[np.ndarray, " person"], boxes: Boxes) -> Views:
@@ -85,8 +94,9 @@ def judge_groups(
     views: GroundViews,
     probability: np.ndarray,
     settings: EvidenceSettings,
+    clutter: Float[np.ndarray, "2 cam cells cells"] | None = None,
 ) -> Existence:
-    """Compute log-odds of every group, learning the clutter ratio by expectation maximization.
+    """Compute log-odds of every group, with clutter as counted before or learned from the groups.
 
     Args:
         groups: the groups.
@@ -96,6 +106,7 @@ def judge_groups(
         views: the cameras.
         probability: (H, C) detection probability of each group in each camera.
         settings: constants.
+        clutter: as in `Existence`, of earlier boxes; None to learn it by expectation maximization.
     """
     member = groups.member
     pictured = delivered(probability, groups, boxes, settings)
@@ -104,10 +115,15 @@ def judge_groups(
     base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
     log_odds = base
     g, cell = cells_of_boxes(member, measurements, views)
-    for _ in range(CLUTTER_ROUNDS * settings.local_clutter):
-        counts = count_clutter(cell, expit(log_odds)[g], member.shape[1])
+
+    def counted(log_odds: Float[np.ndarray, " group"]) -> Float[np.ndarray, "2 cam cells cells"]:
+        return count_clutter(cell, expit(log_odds)[g], member.shape[1])
+
+    rounds = CLUTTER_ROUNDS if clutter is None else 1
+    for _ in range(rounds * settings.local_clutter):
+        counts = counted(log_odds) if clutter is None else clutter
         log_odds = base - np.bincount(g, np.log(clutter_at(cell, counts, settings)), len(member))
-    return Existence(log_odds, probability)
+    return Existence(log_odds, probability, counted(log_odds))
 
 
 def log_odds_without_clutter(

@@ -18,9 +18,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
-from catfree.methods.evidence._gaussian import mean_and_covariance
+from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.group._appearance import Looks
-from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._tracking import (
     Motion,
     Population,
@@ -84,7 +83,7 @@ def identify(
     trails: Trails,
     reported: Bool[np.ndarray, " node"],
     error: Float[np.ndarray, "node 2 2"],
-    groups: Groups,
+    info: Information,
     population: Population,
 ) -> Int[np.ndarray, " node"]:
     """Give each reported position an identity; no identity occurs twice in a frame.
@@ -93,7 +92,7 @@ def identify(
         trails: the tracks, whose identities are the start.
         reported: (M,) which of their rows to use.
         error: (M, 2, 2) covariance of the positions beyond that of the boxes, in H0².
-        groups: of the trails.
+        info: (H) of the boxes of each group of the trails.
         population: what is known of all; its `motion` is used where the chains say too little.
 
     Returns:
@@ -105,9 +104,9 @@ def identify(
     if len(rows) == 0:
         return names
     position, group = trails.mean[rows, :2], trails.group[rows]
-    measured, _ = mean_and_covariance(groups.info[group[group >= 0]], population.spread)
+    measured, _ = mean_and_covariance(info[group[group >= 0]], population.spread)
     position[group >= 0] = measured[:, :2]
-    nodes = nodes_of(trails, rows, error, groups, population.looks)
+    nodes = nodes_of(trails, rows, error, info, population.looks)
     chain = np.unique(trails.track[rows], return_inverse=True)[1]
     motion = estimate_walk(position, nodes.frame, chain, population)
     population = population._replace(motion=motion)
@@ -127,7 +126,7 @@ def nodes_of(
     trails: Trails,
     rows: Int[np.ndarray, " n"],
     error: Float[np.ndarray, "node 2 2"],
-    groups: Groups,
+    info: Information,
     looks: Looks | None,
 ) -> Nodes:
     """The boxes of each row, or the smoothed state in a gap, widened by the error."""
@@ -135,8 +134,8 @@ def nodes_of(
     is_detected = group >= 0
     small = np.linalg.inv(trails.covariance[rows, :3, :3])
     small_vector = np.einsum("nij,nj->ni", small, trails.mean[rows, :3])
-    small[is_detected] = groups.info.matrix[group[is_detected]]
-    small_vector[is_detected] = groups.info.vector[group[is_detected]]
+    small[is_detected] = info.matrix[group[is_detected]]
+    small_vector[is_detected] = info.vector[group[is_detected]]
     # (I⁻¹ + E)⁻¹ = (1 + I E)⁻¹ I, which needs no inverse of I: one view may leave it singular.
     wider = np.eye(3) + small @ np.pad(error[rows], ((0, 0), (0, 1), (0, 1)))
     matrix, vector = np.zeros((len(rows), 5, 5)), np.zeros((len(rows), 5))

@@ -21,8 +21,8 @@ def presence(trails: Trails, evidence: np.ndarray, change: float) -> np.ndarray:
     Returns:
         (M,) probability.
     """
-    forward = _chain(trails, evidence, change)
-    backward = later_frames(trails, evidence, change)
+    forward = chain_weights(trails, evidence, change)
+    backward = chain_weights(trails, evidence, change, last=True)
     on, off = (forward + backward).T
     return expit(on - off - evidence)
 
@@ -43,30 +43,22 @@ def step_forward(
     return on - most, off - most
 
 
-def later_frames(
-    trails: Trails, evidence: np.ndarray, change: float
+def chain_weights(
+    trails: Trails, evidence: np.ndarray, change: float, *, last: bool = False
 ) -> Float[np.ndarray, "node 2"]:
-    """Log weights of being present or not in each row, given its own evidence and later rows.
+    """Log weights of being present or not in each row, given its own evidence and earlier rows.
+
+    A track starts off and may end on: at its first row, the on state costs `change`, but nothing in
+    the backward pass.
 
     Args:
         trails: rows sorted by track and frame.
         evidence: (M,) log-odds of each row.
         change: cost of appearing, and of disappearing.
+        last: given later rows instead of earlier ones.
 
     Returns:
-        (M, 2) on and off; only their difference counts.
-    """
-    return _chain(trails, evidence, change, last=True)
-
-
-def _chain(
-    trails: Trails, evidence: np.ndarray, change: float, *, last: bool = False
-) -> Float[np.ndarray, "node 2"]:
-    """Log weights (on, off) of all histories up to each row, or from each row on (`last`).
-
-    Only the difference of the two counts, see `step_forward`.
-    A track starts off and may end on: at its first row, the on state costs `change`, but nothing in
-    the backward pass.
+        (M, 2) on and off; only their difference counts, see `step_forward`.
     """
     weights = np.zeros((len(trails), 2))
     _, begin, length = np.unique(trails.track, return_index=True, return_counts=True)

@@ -261,20 +261,19 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
     Returns:
         All tracks, including gaps but not beyond their first and last group.
     """
-    time, motion, density, spread, settings, looks = population
-    likely = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
+    time, looks = population.time, population.looks
+    likely = np.flatnonzero(log_odds > -population.settings.evidence_limit / 2)
     bounds = np.searchsorted(groups.frame[likely], np.arange(len(time) + 1))
-    linker = Linker(motion, settings, looks)
     info = groups.info[likely]
-    alone = Alone.of(info, density, spread)
+    alone = Alone.of(info, population.density, population.spread)
     heads = no_heads(0 if looks is None else looks.total.shape[1])
     history = []
     for t in range(len(time)):
         rows = slice(bounds[t], bounds[t + 1])
         step = float(time[t] - time[t - 1]) if t else 0.0
-        node, heads = linker.link(heads, info[rows], alone.rows(rows), likely[rows], step)
+        node, heads = link(heads, info[rows], alone.rows(rows), likely[rows], step, population)
         history.append(node)
-    return smooth(history, time, motion)
+    return smooth(history, time, population.motion)
 
 
 @jax.tree_util.register_dataclass
@@ -333,89 +332,83 @@ def predict(heads: Heads, motion: Motion, step: float) -> Heads:
     return replace(heads, mean=heads.mean @ A.T, covariance=A @ heads.covariance @ A.T + Q)
 
 
-class Linker(NamedTuple):
-    """Links the groups of one frame to the tracks before it; attributes as in `follow`."""
+def link(
+    heads: Heads,
+    info: Information,
+    alone: Alone,
+    group: Int[np.ndarray, " k"],
+    step: float,
+    population: Population,
+) -> tuple[Node, Heads]:
+    """Assign groups to tracks, update these, and begin new tracks with the other groups.
 
-    motion: Motion
-    settings: EvidenceSettings
-    looks: Looks | None = None
+    Args:
+        heads: the tracks.
+        info: (K) of the groups of this frame.
+        alone: (K) the same groups without a track.
+        group: (K,) their rows in `looks`, which `Node.group` names.
+        step: time since the frame before, in usual steps; 0 for the first.
+        population: what is the same for all tracks.
 
-    def link(
-        self,
-        heads: Heads,
-        info: Information,
-        alone: Alone,
-        group: Int[np.ndarray, " k"],
-        step: float,
-    ) -> tuple[Node, Heads]:
-        """Assign groups to tracks, update these, and begin new tracks with the other groups.
-
-        Args:
-            heads: the tracks.
-            info: (K) of the groups of this frame.
-            alone: (K) the same groups without a track.
-            group: (K,) their rows in `looks`, which `Node.group` names.
-            step: time since the frame before, in usual steps; 0 for the first.
-
-        Returns:
-            The tracks of this frame, and those of them to follow further.
-        """
-        settings, looks = self.settings, self.looks
-        before = predict(heads, self.motion, step)
-        mean, cov = before.mean, before.covariance
-        assigned = np.full(len(before.track), -1)
-        if len(assigned) and len(group):
-            block = max(1, LINKS_AT_A_TIME // len(group))
-            gain = np.concatenate([
-                _link_gain(
-                    mean[i : i + block, :3], cov[i : i + block, :3, :3], info, alone, settings.gate
-                )
-                for i in range(0, len(assigned), block)
-            ])  # fmt: skip
-            gain = gain - settings.gap_penalty * before.gap[:, None]
-            if looks is not None:
-                gain = gain + looks.ratio(before.look, before.boxes, group)
-            rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
-            good = gain[rows, columns] > 0
-            assigned[rows[good]] = columns[good]
-        hit = np.flatnonzero(assigned >= 0)
-        if len(hit):
-            known = info[assigned[hit]]
-            mean, cov = mean.copy(), cov.copy()
-            mean[hit], cov[hit] = corrected_states(mean[hit], cov[hit], known.matrix, known.vector)
-        gap = np.where(assigned >= 0, 0, before.gap + 1)
-        is_new = np.ones(len(group), bool)
-        is_new[assigned[hit]] = False
-        fresh = np.flatnonzero(is_new)
-        new_mean = np.zeros((len(fresh), 5))
-        new_mean[:, :3] = alone.mean[fresh]
-        new_cov = np.zeros((len(fresh), 5, 5))
-        new_cov[:, :3, :3] = alone.covariance[fresh]
-        new_cov[:, 3, 3] = new_cov[:, 4, 4] = self.motion.speed**2
-        look, boxes = before.look, before.boxes
-        new_look, new_boxes = np.zeros((len(fresh), look.shape[1])), np.zeros(len(fresh), int)
+    Returns:
+        The tracks of this frame, and those of them to follow further.
+    """
+    motion, settings, looks = population.motion, population.settings, population.looks
+    before = predict(heads, motion, step)
+    mean, cov = before.mean, before.covariance
+    assigned = np.full(len(before.track), -1)
+    if len(assigned) and len(group):
+        block = max(1, LINKS_AT_A_TIME // len(group))
+        gain = np.concatenate([
+            _link_gain(
+                mean[i : i + block, :3], cov[i : i + block, :3, :3], info, alone, settings.gate
+            )
+            for i in range(0, len(assigned), block)
+        ])  # fmt: skip
+        gain = gain - settings.gap_penalty * before.gap[:, None]
         if looks is not None:
-            look, boxes = look.copy(), boxes.copy()
-            look[hit] += looks.total[group[assigned[hit]]]
-            boxes[hit] += looks.count[group[assigned[hit]]]
-            new_look, new_boxes = looks.total[group[fresh]], looks.count[group[fresh]]
-        look, boxes = np.concatenate([look, new_look]), np.concatenate([boxes, new_boxes])
-        linked = np.full(len(assigned), -1)
-        linked[hit] = group[assigned[hit]]
-        node = Node(
-            track=np.concatenate([before.track, before.count + np.arange(len(fresh))]),
-            group=np.concatenate([linked, group[fresh]]).astype(int),
-            mean=np.concatenate([mean, new_mean]),
-            covariance=np.concatenate([cov, new_cov]),
-            predicted_mean=np.concatenate([before.mean, new_mean]),
-            predicted_covariance=np.concatenate([before.covariance, new_cov]),
-        )
-        gap = np.concatenate([gap, np.zeros(len(fresh), int)])
-        kept = gap <= settings.gap
-        return node, Heads(
-            node.track[kept], gap[kept], node.mean[kept], node.covariance[kept], look[kept],
-            boxes[kept], np.asarray(before.count + len(fresh)),
-        )  # fmt: skip
+            gain = gain + looks.ratio(before.look, before.boxes, group)
+        rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
+        good = gain[rows, columns] > 0
+        assigned[rows[good]] = columns[good]
+    hit = np.flatnonzero(assigned >= 0)
+    if len(hit):
+        known = info[assigned[hit]]
+        mean, cov = mean.copy(), cov.copy()
+        mean[hit], cov[hit] = corrected_states(mean[hit], cov[hit], known.matrix, known.vector)
+    gap = np.where(assigned >= 0, 0, before.gap + 1)
+    is_new = np.ones(len(group), bool)
+    is_new[assigned[hit]] = False
+    fresh = np.flatnonzero(is_new)
+    new_mean = np.zeros((len(fresh), 5))
+    new_mean[:, :3] = alone.mean[fresh]
+    new_cov = np.zeros((len(fresh), 5, 5))
+    new_cov[:, :3, :3] = alone.covariance[fresh]
+    new_cov[:, 3, 3] = new_cov[:, 4, 4] = motion.speed**2
+    look, boxes = before.look, before.boxes
+    new_look, new_boxes = np.zeros((len(fresh), look.shape[1])), np.zeros(len(fresh), int)
+    if looks is not None:
+        look, boxes = look.copy(), boxes.copy()
+        look[hit] += looks.total[group[assigned[hit]]]
+        boxes[hit] += looks.count[group[assigned[hit]]]
+        new_look, new_boxes = looks.total[group[fresh]], looks.count[group[fresh]]
+    look, boxes = np.concatenate([look, new_look]), np.concatenate([boxes, new_boxes])
+    linked = np.full(len(assigned), -1)
+    linked[hit] = group[assigned[hit]]
+    node = Node(
+        track=np.concatenate([before.track, before.count + np.arange(len(fresh))]),
+        group=np.concatenate([linked, group[fresh]]).astype(int),
+        mean=np.concatenate([mean, new_mean]),
+        covariance=np.concatenate([cov, new_cov]),
+        predicted_mean=np.concatenate([before.mean, new_mean]),
+        predicted_covariance=np.concatenate([before.covariance, new_cov]),
+    )
+    gap = np.concatenate([gap, np.zeros(len(fresh), int)])
+    kept = gap <= settings.gap
+    return node, Heads(
+        node.track[kept], gap[kept], node.mean[kept], node.covariance[kept], look[kept],
+        boxes[kept], np.asarray(before.count + len(fresh)),
+    )  # fmt: skip
 
 
 def smooth(

@@ -12,10 +12,8 @@ def match_edges(
     source: Int[np.ndarray, " e"],
     target: Int[np.ndarray, " e"],
     cost: Float[np.ndarray, " e"],
-    *,
-    unmatched_cost: float | None = None,
 ) -> Bool[np.ndarray, " e"]:
-    """Choose edges so that no source and no target is used twice, at the smallest total cost.
+    """Choose as many edges as possible, no source and no target twice, at the smallest total cost.
 
     SciPy's dense Hungarian solver runs once per problem (two consecutive frames of a camera).
     On 280 problems of 30 x 30 this is 16 times faster than one call of SciPy's sparse solver.
@@ -25,8 +23,6 @@ def match_edges(
         source: (E,) index of each edge's source.
         target: (E,) index of each edge's target.
         cost: (E,) finite cost of each edge.
-        unmatched_cost: cost of leaving a pair unmatched; only edges below it are chosen. None
-            maximizes the number of edges first, then minimizes the cost.
 
     Returns:
         (E,) which edges are chosen.
@@ -34,9 +30,8 @@ def match_edges(
     chosen = np.zeros(len(source), bool)
     if len(source) == 0:
         return chosen
-    if unmatched_cost is None:
-        # One more edge is worth more than any rearrangement of the others.
-        unmatched_cost = float((cost.max() - min(cost.min(), 0.0)) * (len(cost) + 1) + 1.0)
+    # One more edge is worth more than any rearrangement of the others.
+    unmatched_cost = float((cost.max() - min(cost.min(), 0.0)) * (len(cost) + 1) + 1.0)
     order = np.argsort(problem, kind="stable")
     starts = np.flatnonzero(np.diff(problem[order], prepend=problem[order[0]] - 1))
     for edges in np.split(order, starts[1:]):
@@ -44,8 +39,8 @@ def match_edges(
         targets, column = np.unique(target[edges], return_inverse=True)
         table = np.full((len(sources), len(targets)), unmatched_cost, np.float64)
         edge_at = np.full(table.shape, -1)
-        table[row, column] = np.minimum(cost[edges], unmatched_cost)
-        edge_at[row, column] = np.where(cost[edges] < unmatched_cost, edges, -1)
+        table[row, column] = cost[edges]
+        edge_at[row, column] = edges
         edge = edge_at[linear_sum_assignment(table)]
         chosen[edge[edge >= 0]] = True
     return chosen

@@ -95,9 +95,7 @@ def observe(detections: Detections, rig: Rig, *, keep: Bool[np.ndarray, " n"]) -
     cell = frame_index * rig.camera_count + detections.camera[row]
     appearance = None
     if detections.embedding is not None:
-        appearance = detections.embedding[row].astype(np.float32)
-        length = np.linalg.norm(appearance, axis=1, keepdims=True)
-        appearance = appearance / np.where(length > 0, length, 1)
+        appearance = unit_vectors(detections.embedding[row].astype(np.float32))
     return Observations(
         row=row,
         frame=detections.frame[row],
@@ -114,6 +112,12 @@ def observe(detections: Detections, rig: Rig, *, keep: Bool[np.ndarray, " n"]) -
         cell_start=np.searchsorted(cell, np.arange(len(frames) * rig.camera_count + 1)),
         camera_count=rig.camera_count,
     )
+
+
+def unit_vectors(appearance: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n d"]:
+    """Divide each row by its length; rows of zeros stay."""
+    length = np.linalg.norm(appearance, axis=1, keepdims=True)
+    return appearance / np.where(length > 0, length, 1)
 
 
 def appearance_distance(

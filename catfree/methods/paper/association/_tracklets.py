@@ -14,9 +14,7 @@ from catfree.types._sampling import expand_ranges
 PAIR_BLOCK = 65536  # pairs compared together
 
 
-def link_tracklets(
-    observations: Observations, settings: TrackletSettings | None = None
-) -> Int[np.ndarray, " n"]:
+def link_tracklets(observations: Observations, settings: TrackletSettings) -> Int[np.ndarray, " n"]:
     """Join detections of one camera in consecutive frames into tracklets.
 
     Each pair of consecutive frames of a camera is one Hungarian problem: as many links as possible
@@ -24,7 +22,7 @@ def link_tracklets(
 
     Args:
         observations: detections in canonical order.
-        settings: gates; the defaults if None.
+        settings: gates.
 
     Returns:
         (N,) tracklet of each observation, numbered from 0 over all cameras; an unlinked detection
@@ -34,7 +32,6 @@ def link_tracklets(
         Sec. "Pedestrian observations and ray reliability": "detections are linked into short
         per-camera tracks".
     """
-    settings = settings or TrackletSettings()
     first, second = _consecutive_pairs(observations)
     predecessor = np.full(len(observations), -1)
     near, cost = _near_pairs(observations, first, second, settings.maximum_shift)

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.filters import otsu
 from catfree.geometry._buckets import coarse_length
 from catfree.methods.paper._select import outside_by_frame, suppress_by_frame
-from catfree.methods.paper.association._observe import appearance_distance
+from catfree.methods.paper.association._observe import appearance_distance, unit_vectors
 from catfree.methods.paper.trajectories._link import Positions, position_appearance
 from catfree.settings import TrajectorySettings
 from catfree.types import Origin
@@ -58,8 +58,7 @@ def track_appearance(
     each = position_appearance(appearance, positions.member)
     total = np.zeros((positions.track.max(initial=-1) + 1, each.shape[1]), np.float32)
     np.add.at(total, positions.track, each)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return total / np.where(length > 0, length, 1)
+    return unit_vectors(total)
 
 
 def extend_tracks(

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.methods.paper.association._match_edges import chain_labels, match_edges
-from catfree.methods.paper.association._observe import appearance_distance
+from catfree.methods.paper.association._observe import appearance_distance, unit_vectors
 from catfree.settings import TrajectorySettings
 from catfree.types import Origin
 from catfree.types._sampling import expand_ranges
@@ -38,8 +38,7 @@ def position_appearance(
     for column in member.T:  # one camera at a time bounds the memory
         present = column >= 0
         total[present] += appearance[column[present]]
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return total / np.where(length > 0, length, 1)
+    return unit_vectors(total)
 
 
 def link_positions(

@@ -9,6 +9,7 @@ import pytest
 
 from catfree.errors import InsufficientDataError
 from catfree.methods.evidence import solve
+from catfree.methods.evidence.learn._self_calibration import self_calibrate
 from catfree.methods.evidence.passes._add_pose_errors import add_pose_errors
 from catfree.methods.evidence.passes._choose_reported import choose_reported
 from catfree.methods.evidence.passes._follow_people import follow_people
@@ -44,11 +45,15 @@ CHANGED = {
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("x64")]
 
 
+def _observed(detections, scene):
+    return observe_boxes(detections, scene, *self_calibrate(detections, scene, RULES), RULES)
+
+
 @cache
 def states():
     """The state before and after each pass."""
     _, detections, scene = walk(PEOPLE, FRAMES)
-    found = [observe_boxes(detections, scene, RULES)]
+    found = [_observed(detections, scene)]
     for run in ALL:
         found.append(run(found[-1], RULES))
     return found
@@ -119,7 +124,7 @@ def test_errors_of_poses_widen_ellipses_and_never_narrow_them():
 
 def test_a_single_instant_has_groups_that_are_judged_on_their_own():
     _, detections, scene = walk(PEOPLE, FRAMES)
-    state = observe_boxes(detections[detections.frame == 0], scene, RULES)
+    state = _observed(detections[detections.frame == 0], scene)
     for run in ROUND:
         state = run(state, RULES)
     assert len(state.trails) == len(state.groups)
@@ -140,4 +145,4 @@ def test_boxes_of_nobody_on_the_ground_are_refused():
     _, detections, _ = walk(PEOPLE, 2)
     none = detections[detections.camera < 0]
     with pytest.raises(InsufficientDataError, match="whole person"):
-        observe_boxes(none, make_scene(make_rig()), RULES)
+        solve(none, make_scene(make_rig()))

@@ -111,6 +111,7 @@ def test_saying_that_a_camera_has_no_picture_never_lowers_existence(seen, inside
     rate = DetectionRate(
         np.tile([50.0, 100.0], (CAMERAS, 1)),
         np.array(PLAIN.cover_edges),
+        *np.zeros((2, CAMERAS, 3, 5)),
         np.full((CAMERAS, 3, 5), 0.8),
     )
     boxes = replace(scene.boxes, silent=silent)

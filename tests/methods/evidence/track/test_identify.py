@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._appearance import Likeness, Looks
-from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._identify import (
     HORIZON,
     SWEEPS,
@@ -253,33 +252,31 @@ def test_of_too_few_steps_the_usual_walk_is_taken():
 
 
 def tracks(person, nodes):
-    """Trails and groups that hold the same as nodes."""
+    """Trails and information of groups that hold the same as nodes."""
     N = len(person)
     order = np.lexsort((nodes.frame, person))
     info = Information(nodes.matrix[order, :3, :3], nodes.vector[order, :3], np.zeros(N))
-    groups = Groups(nodes.frame[order], np.zeros((N, 1), int), info, np.zeros(N))
     mean = np.pad(nodes.vector[order, :3] * NOISE**2, ((0, 0), (0, 2)))
     cov = np.tile(NOISE**2 * np.eye(5), (N, 1, 1))
-    return Trails(person[order], nodes.frame[order], np.arange(N), mean, cov), groups
+    return Trails(person[order], nodes.frame[order], np.arange(N), mean, cov), info
 
 
 def test_rows_that_are_not_reported_have_no_identity_and_do_not_matter():
     person, nodes = crowd(3)
-    trails, groups = tracks(person, nodes)
+    trails, info = tracks(person, nodes)
     error = np.tile(0.01**2 * np.eye(2), (len(trails), 1, 1))
     reported = trails.track != 2
-    names = identify(trails, reported, error, groups, population(12))
+    names = identify(trails, reported, error, info, population(12))
     np.testing.assert_array_equal(names >= 0, reported)
     kept = np.flatnonzero(reported)
     alone = dataclasses.replace(trails[kept], group=np.arange(len(kept)))
-    fewer = Groups(*(getattr(groups, n)[kept] for n in ("frame", "member", "info", "gain")))
-    same = identify(alone, np.ones(len(kept), bool), error[kept], fewer, population(12))
+    same = identify(alone, np.ones(len(kept), bool), error[kept], info[kept], population(12))
     np.testing.assert_array_equal(names[kept], same)
 
 
 def test_nobody_has_no_identity():
     person, nodes = crowd(0)
-    trails, groups = tracks(person, nodes)
+    trails, info = tracks(person, nodes)
     error = np.zeros((len(trails), 2, 2))
-    names = identify(trails, np.zeros(len(trails), bool), error, groups, population(12))
+    names = identify(trails, np.zeros(len(trails), bool), error, info, population(12))
     assert (names == -1).all()

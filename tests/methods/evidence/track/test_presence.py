@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.methods.evidence.track._presence import later_frames, presence
+from catfree.methods.evidence.track._presence import chain_weights, presence
 from catfree.methods.evidence.track._tracking import Trails
 
 tracks = st.lists(st.lists(st.floats(-5, 5), min_size=1, max_size=7), max_size=4)
@@ -44,7 +44,7 @@ def test_presence_is_the_sum_over_all_histories(evidence, change):
 @given(st.lists(st.floats(-5, 5), min_size=1, max_size=6), st.floats(0, 6))
 def test_later_frames_weigh_all_continuations(evidence, change):
     n = len(evidence)
-    weights = later_frames(trails_of([n]), np.array(evidence), change)
+    weights = chain_weights(trails_of([n]), np.array(evidence), change, last=True)
     for row in range(n):
         sums = np.zeros(2)
         for h in itertools.product([0, 1], repeat=n - row):

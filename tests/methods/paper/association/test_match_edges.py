@@ -45,17 +45,6 @@ def test_as_many_as_possible_then_the_smallest_cost(edges):
     np.testing.assert_allclose(cost[chosen].sum(), best[1], atol=1e-9)
 
 
-@pytest.mark.slow
-@settings(max_examples=60)
-@given(EDGES, COST)
-def test_with_a_price_for_the_unmatched(edges, price):
-    chosen = np.flatnonzero(match_edges(*columns(edges), unmatched_cost=price))
-    assert tuple(chosen) in set(matchings(edges))
-    gain = np.array([price - edge[3] for edge in edges])
-    best = max(sum(gain[list(some)]) for some in matchings(edges))
-    np.testing.assert_allclose(gain[chosen].sum(), best, atol=1e-9)
-
-
 @given(st.lists(st.integers(1, 6), max_size=6), st.randoms())
 def test_chains_are_labelled_in_order_of_their_lowest_elements(lengths, random):
     places = list(range(sum(lengths)))
