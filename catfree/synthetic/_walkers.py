@@ -20,9 +20,7 @@ HEIGHT_SPREAD = 0.08
 # the people in a street in groups, mostly pairs).
 GROUP_SIZE_SHARE = (0.5, 0.32, 0.12, 0.06)
 
-ENTRY_MARGIN = 3.0  # meters outside the area at which people appear and vanish
 WALK_OUT = 6.0  # seconds between a decision to leave and the next arrival, about the walk out
-BACKGROUND_BAND = (1.0, 5.0)  # meters outside the area where bystanders stay
 LONGEST_STEP = 0.125  # seconds; longer frame intervals are integrated in several steps
 
 
@@ -122,8 +120,6 @@ def simulate_walkers(
         standing=float(standing),
         standing_time=float(standing_time),
         obstacles=np.zeros((0, 3)) if obstacles is None else np.asarray(obstacles, np.float64),
-        entry_margin=ENTRY_MARGIN,
-        background_band=BACKGROUND_BAND,
     )
     steps = max(1, int(np.ceil(1 / (fps * LONGEST_STEP) - 1e-9)))
     dt = 1 / (fps * steps)
