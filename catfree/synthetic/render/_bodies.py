@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.synthetic._silhouettes import FREE_SPEED, HEEL_RISE, LIFT, STRIDE_SHARE
+from catfree.synthetic._silhouettes import FREE_SPEED, STRIDE_SHARE, swing_leg
 
 SIDES = 10  # sides of a tube's cross-section
 LEG_BONE = 0.234  # thigh and shank are of one length
@@ -85,13 +85,10 @@ def body_vertices(
         speed: (N,) in m/s; at 0 the legs are straight.
     """
     amount = np.clip(speed / FREE_SPEED, 0, 1)
-    swing = STRIDE_SHARE * amount * np.sin(stride)
     bob = -0.02 * amount * np.abs(np.sin(stride))
     legs, shoes, arms = [], [], []
     for side in (-1, 1):
-        ahead = side * swing
-        lift = LIFT * amount * np.maximum(0, side * np.cos(stride))
-        heel = HEEL_RISE * np.maximum(0, -ahead / STRIDE_SHARE)
+        ahead, lift, heel = swing_leg(stride, amount, side)
         legs.append(_leg(side, ahead, 0.04 + lift + heel, bob))
         shoes.append(_shoe(side, ahead, lift, heel))
         arms.append(_arm(side, -0.48 * ahead / STRIDE_SHARE, bob))
