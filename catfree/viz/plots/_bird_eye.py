@@ -11,7 +11,7 @@ from catfree.types import Localization, Origin, Scene, Tracks
 from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
 from catfree.viz._plan_view import (
     camera_names as names_of,
-    camera_wedge,
+    camera_wedges,
     confidence_ellipse,
     length_unit,
     place_labels,
@@ -110,7 +110,7 @@ def draw_cameras(ax: "Axes", scene: Scene, names: Sequence[str]) -> np.ndarray:
     from matplotlib.patheffects import withStroke
 
     color = fraction(CAMERA_COLOR)
-    wedges = {int(c): camera_wedge(scene, int(c)) for c in np.flatnonzero(scene.rig.registered)}
+    wedges = camera_wedges(scene)
     halo = [withStroke(linewidth=2.2, foreground="white")]  # for dark maps beneath
     look = {"facecolor": (*color, 0.16), "edgecolor": (*color, 0.8), "linewidth": 0.8}
     for wedge in wedges.values():
