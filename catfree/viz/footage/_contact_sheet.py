@@ -10,7 +10,7 @@ import numpy as np
 from catfree.adapters.files._documents import write_bytes_atomically
 from catfree.types import Detections
 from catfree.viz._palette import TRACK_COLORS
-from catfree.viz.footage._drawing import Image, default_stroke, draw_polyline
+from catfree.viz.footage._drawing import Image, default_stroke, draw_box
 
 VIEW_WIDTH = 640  # pixels per camera
 
@@ -50,6 +50,5 @@ def draw_boxes(image: Image, boxes: Detections) -> Image:
     """
     canvas = image.copy()
     for box in boxes.box:
-        corners = box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2)
-        draw_polyline(canvas, corners, TRACK_COLORS[1], default_stroke(image), closed=True)
+        draw_box(canvas, box, TRACK_COLORS[1], default_stroke(image))
     return canvas

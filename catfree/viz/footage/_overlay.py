@@ -21,6 +21,7 @@ from catfree.viz.footage._blur import blur_regions, people_regions, posts
 from catfree.viz.footage._drawing import (
     Image,
     default_stroke,
+    draw_box,
     draw_label,
     draw_labels,
     draw_polyline,
@@ -91,8 +92,7 @@ def draw_frame(
     else:
         require_camera_picture(image, scene, camera)
     for row in box_rows:
-        corners = detections.box[row, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2)
-        draw_polyline(canvas, corners, track_color(identity[row]), 0.6 * thick, closed=True)
+        draw_box(canvas, detections.box[row], track_color(identity[row]), 0.6 * thick)
     if len(positions):
         _draw_people(canvas, positions, scene, camera, float(person_height), thick)
     return canvas
