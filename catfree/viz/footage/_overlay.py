@@ -13,7 +13,7 @@ from catfree.geometry.camera import pixels_of_points
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
 from catfree.types._annotations import Progress
 from catfree.types._writing import replacement
-from catfree.viz._camera_view import visible_runs
+from catfree.viz._camera_view import in_reach, visible_runs
 from catfree.viz._palette import CAMERA_COLOR, track_color
 from catfree.viz._person_height import person_height as estimate_person_height
 from catfree.viz._plan_view import camera_names as names_of, view_area
@@ -269,7 +269,8 @@ def _draw_people(
     ):
         color = track_color(identity)
         post = np.stack([foot, head])
-        if not imaged or not _inside(post, size):
+        in_picture = ((post >= 0) & (post < size)).all(-1).any()
+        if not (imaged and in_picture and in_reach(post, size).all()):
             continue
         pixel, in_front = pixels_of_points(scene.rig, camera, position + ring)
         for run in visible_runs(pixel, in_front, size):
@@ -287,10 +288,3 @@ def _draw_people(
         [colors[at] for at in labeled],
         stroke,
     )
-
-
-def _inside(pixel: np.ndarray, size: tuple[int, int]) -> bool:
-    """Return whether the foot or the head is inside the image, and neither is far outside."""
-    limit = np.array(size)
-    is_visible = ((pixel >= 0) & (pixel < limit)).all(-1).any()
-    return bool(is_visible and ((pixel > -limit) & (pixel < 2 * limit)).all())
