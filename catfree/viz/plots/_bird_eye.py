@@ -17,7 +17,7 @@ from catfree.viz._plan_view import (
     place_labels,
     view_area,
 )
-from catfree.viz.plots._axes import axes_or_new, figure_of, plain_label
+from catfree.viz.plots._axes import axes_or_new, figure_of, plain_label, show_ground
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,9 +91,7 @@ def plot_bird_eye(
             color=(*fraction(TRUTH_COLOR), 0.45),
         )
     ends = _draw_tracks(ax, tracks, confidence, detail_limit)
-    ax.set(xlim=view[:2], ylim=view[2:], aspect="equal")
-    unit = length_unit(scene)
-    ax.set(xlabel=f"ground x ({unit})", ylabel=f"ground y ({unit})")
+    show_ground(ax, view, length_unit(scene))
     ax.tick_params(labelsize=8)
     occupied = draw_cameras(ax, scene, names_of(scene.rig, camera_names))
     _label_tracks(ax, ends[:detail_limit], occupied)
