@@ -82,7 +82,7 @@ def make_player(
             {
                 "name": str(name),
                 "size": [int(side) for side in scene.rig.image_size[camera]],
-                "tile": board.tiles[camera],
+                "tile": board.tiles[camera].tolist(),
                 "wedge": wedges[camera].tolist() if camera in wedges else None,
             }
             for camera, name in enumerate(camera_names)
