@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError, quoted
-from catfree.synthetic._walkers import Area
+from catfree.synthetic._walkers import Area, middle_and_half
 from catfree.types import Lens, Plane, Rig, Scene
 
 # Self-calibration may try 0.5, 0.7 and 0.9 image widths first. Focal lengths are drawn between
@@ -263,9 +263,7 @@ def _around(
     people: int,
 ) -> Layout:
     """Place cameras evenly along a rectangle 0.5 to 2.5 m outside the area."""
-    x_min, x_max, y_min, y_max = area
-    half = np.array([x_max - x_min, y_max - y_min]) / 2
-    middle = np.array([x_min + x_max, y_min + y_max]) / 2
+    middle, half = middle_and_half(area)
     bearing = 2 * np.pi * (np.arange(cameras) + rng.uniform(-0.25, 0.25, cameras)) / cameras
     direction = np.stack([np.cos(bearing), np.sin(bearing)], -1)
     border = direction / np.abs(direction / half).max(-1, keepdims=True)

@@ -24,6 +24,13 @@ WALK_OUT = 6.0  # seconds between a decision to leave and the next arrival, abou
 LONGEST_STEP = 0.125  # seconds; longer frame intervals are integrated in several steps
 
 
+def middle_and_half(area: Area) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """The middle (2,) of an area and half its extents (2,) along x and y."""
+    x_min, x_max, y_min, y_max = area
+    low, high = np.array([x_min, y_min]), np.array([x_max, y_max])
+    return (low + high) / 2, (high - low) / 2
+
+
 @dataclass(frozen=True)
 class Walkers:
     """T frames of P people in meters on the ground z = 0, dense in time and person.
