@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError, quoted
+from catfree.evaluation._pooling import pool
 from catfree.evaluation._position_matching import match
 from catfree.evaluation._rows import Frames, Number, Sequence, read_sequence
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_instances, as_positive
+from catfree.types._validation import as_positive
 
 # Positions of the public data sets lie on grids of 2.5 cm, so distances of exactly 0.5 m are
 # common; the tolerance keeps them inside the gate after the conversion from cells to meters.
@@ -227,23 +228,5 @@ def combine_detection(parts: Iterable[DetectionMetrics]) -> DetectionMetrics:
     Raises:
         InvalidInputError: if there are no parts, or their thresholds or MODA clamping differ.
     """
-    parts = as_instances(parts, DetectionMetrics, "parts")
-    if not parts or len({(part.threshold, part.clamped) for part in parts}) > 1:
-        raise InvalidInputError(
-            f"Cannot combine {len(parts)} detection results: give at least one, all computed with "
-            "the same threshold and compat."
-        )
-    return DetectionMetrics(
-        **{
-            name: np.concatenate([getattr(part, name) for part in parts])
-            for name in (
-                "frames",
-                "tp_per_frame",
-                "fp_per_frame",
-                "fn_per_frame",
-                "distance_sum_per_frame",
-            )
-        },
-        threshold=parts[0].threshold,
-        clamped=parts[0].clamped,
-    )
+    alike = {"threshold": "threshold", "clamped": "compat"}
+    return pool(parts, DetectionMetrics, np.concatenate, alike=alike, name="detection")

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from catfree.errors import InvalidInputError
+from catfree.evaluation._pooling import pool
 from catfree.evaluation._rows import Frames, Number, Sequence, read_sequence
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_instances, as_positive
+from catfree.types._validation import as_positive
 
 # The expression of the reference evaluator: similarities on a grid fall exactly on these values,
 # and any other expression differs in the last bit.
@@ -241,15 +241,5 @@ def combine_hota(parts: Iterable[HotaMetrics]) -> HotaMetrics:
     Raises:
         InvalidInputError: if there are no parts or their zero_distance differs.
     """
-    parts = as_instances(parts, HotaMetrics, "parts")
-    if not parts or len({part.zero_distance for part in parts}) > 1:
-        raise InvalidInputError(
-            f"Cannot combine {len(parts)} HOTA results: give at least one, all computed with the "
-            "same zero_distance."
-        )
-    sums = {
-        name: np.sum([getattr(part, name) for part in parts], axis=0)
-        for name in vars(parts[0])
-        if name != "zero_distance"
-    }
-    return HotaMetrics(**sums, zero_distance=parts[0].zero_distance)
+    alike = {"zero_distance": "zero_distance"}
+    return pool(parts, HotaMetrics, sum, alike=alike, name="HOTA")

@@ -1,18 +1,18 @@
 """Tracking metrics on the ground: CLEAR MOT (MOTA, MOTP) and identity scores (IDF1)."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
-from catfree.errors import InvalidInputError
+from catfree.evaluation._pooling import pool
 from catfree.evaluation._position_matching import match
 from catfree.evaluation._rows import Frames, Number, Sequence, read_sequence
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_instances, as_positive
+from catfree.types._validation import as_positive
 
 MOSTLY_TRACKED = 0.8  # shares of a person's annotated frames, as in the MOT benchmarks
 MOSTLY_LOST = 0.2
@@ -274,15 +274,5 @@ def combine_tracking(parts: Iterable[TrackingMetrics]) -> TrackingMetrics:
     Raises:
         InvalidInputError: if there are no parts or their thresholds differ.
     """
-    parts = as_instances(parts, TrackingMetrics, "parts")
-    if not parts or len({part.threshold for part in parts}) > 1:
-        raise InvalidInputError(
-            f"Cannot combine {len(parts)} tracking results: give at least one, all computed with "
-            "the same threshold."
-        )
-    counts = {
-        field.name: sum(getattr(part, field.name) for part in parts)
-        for field in fields(TrackingMetrics)
-        if field.name != "threshold"
-    }
-    return TrackingMetrics(**counts, threshold=parts[0].threshold)
+    alike = {"threshold": "threshold"}
+    return pool(parts, TrackingMetrics, sum, alike=alike, name="tracking")

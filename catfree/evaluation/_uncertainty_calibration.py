@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.errors import InvalidInputError
 from catfree.evaluation._detection_metrics import GATE_TOLERANCE
 from catfree.evaluation._position_matching import matched_rows
-from catfree.evaluation._rows import Frames, Number, read_sequence
+from catfree.evaluation._rows import Frames, Number, as_rows, read_sequence
 from catfree.geometry._arrays import ArrayInput
 from catfree.types._validation import as_boolean, as_count, as_float, as_number, as_positive
 
@@ -112,17 +112,17 @@ def ellipse_coverage(
     level = as_number(level, "level")
     if not 0 < level < 1:
         raise InvalidInputError(f"level is {level}; it must be a probability inside (0, 1).")
-    unfiltered = read_sequence(ground_truth, predictions)
     sequence = read_sequence(ground_truth, predictions, frames)
     covariances = np.asarray(as_float(covariance), np.float64)
-    n = len(unfiltered.predicted)
+    rows = as_rows(predictions, "predictions")
+    n = len(rows)
     if covariances.shape != (n, 2, 2) and (n or covariances.size):
         raise InvalidInputError(
             f"covariance must have shape ({n}, 2, 2), one per prediction, got {covariances.shape}."
         )
     covariances = covariances.reshape(n, 2, 2)
     _require_positive_definite(covariances)
-    covariances = covariances[np.isin(unfiltered.predicted[:, 0], sequence.frames)]
+    covariances = covariances[np.isin(rows[:, 0], sequence.frames)]
     truth, predicted = matched_rows(sequence, gate + GATE_TOLERANCE)
     error = sequence.truth[truth, 2:] - sequence.predicted[predicted, 2:]
     solved = np.linalg.solve(covariances[predicted], error[:, :, None])[:, :, 0]

@@ -40,8 +40,10 @@ class _Split(NamedTuple):
 def _sorted_sample(
     values: Float[Array, " n"], member: Bool[Array, " n"]
 ) -> tuple[Float[Array, " n"], Int[Array, ""]]:
-    """The members in ascending order followed by +inf, and the number of members."""
-    return jnp.sort(jnp.where(member, values, jnp.inf)), jnp.sum(member)
+    """The members in ascending order followed by +inf, two or more in all, and their number."""
+    ordered = jnp.sort(jnp.where(member, values, jnp.inf))
+    lacking = max(2 - len(ordered), 0)
+    return jnp.pad(ordered, (0, lacking), constant_values=jnp.inf), jnp.sum(member)
 
 
 @jax.jit  # compiled once per shape: outside jit, its loop would be compiled at every call
@@ -144,12 +146,8 @@ def otsu(
     Source: Otsu 1979, Eq. 12 to 18.
     """
     values = as_sample(values)
-    if values.shape[0] == 0:
-        return jnp.asarray(jnp.inf, values.dtype)
     member = as_mask(where, values.shape) & jnp.isfinite(values)
     ordered, count = _sorted_sample(values, member)
-    if values.shape[0] == 1:
-        return ordered[0]
     split = _best_split(ordered, ordered, count)
     lower, upper = _neighbors(ordered, split)
     middle = lower / 2 + upper / 2
@@ -176,12 +174,8 @@ def log_otsu(
     Source: paper, Sec. "Selecting pedestrian positions", tau_sigma and tau_g.
     """
     values = as_sample(values)
-    if values.shape[0] == 0:
-        return jnp.asarray(jnp.inf, values.dtype)
     member = as_mask(where, values.shape) & jnp.isfinite(values) & (values > 0)
     ordered, count = _sorted_sample(values, member)
-    if values.shape[0] == 1:
-        return ordered[0]
     finite = jnp.isfinite(ordered)
     logarithm = jnp.log(jnp.where(finite, ordered, 1))
     split = _best_split(ordered, logarithm, count)
@@ -207,8 +201,6 @@ def otsu_separability(
     Source: Otsu 1979, Eq. 19 (eta).
     """
     values = as_sample(values)
-    if values.shape[0] < 2:
-        return jnp.zeros((), values.dtype)
     member = as_mask(where, values.shape) & jnp.isfinite(values)
     ordered, count = _sorted_sample(values, member)
     return _best_split(ordered, ordered, count).separability

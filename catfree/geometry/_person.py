@@ -15,8 +15,9 @@ from jaxtyping import Array, Bool, Float, Int, Num
 
 from catfree.geometry._arrays import float_arrays
 from catfree.geometry._buckets import in_blocks
+from catfree.geometry._canonical_frame import CanonicalFrame
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
-from catfree.types import Rig
+from catfree.types import Detections, Localization, Rig, Scene
 from catfree.types._annotations import HostOrDevice
 
 NEAREST_DEPTH = 0.1  # of the third homogeneous coordinate: points nearer are projected from there
@@ -263,6 +264,35 @@ def heights_in_rig(
     rays, centers = rays_of_pixels(rig, cameras, top), np.asarray(rig.centers, np.float64)[cameras]
     with jax.enable_x64(True):
         return in_blocks(_heights_over_zero, (centers, rays, position), BLOCK)
+
+
+def heights_by_boxes(
+    detections: Detections, localization: Localization, scene: Scene
+) -> tuple[Int[np.ndarray, " b"], Int[np.ndarray, " b"], Float[np.ndarray, " b"]]:
+    """`implied_height` of the tracked people by each of their boxes.
+
+    Args:
+        detections: person boxes of the sequence.
+        localization: the result of `cf.localize` for them.
+        scene: the scene that it was made with.
+
+    Returns:
+        position: (b,) row of the tracks.
+        box: (b,) row of the detections.
+        height: (b,) in scene units, possibly negative.
+
+    Raises:
+        InvalidInputError: if the localization was made from other detections.
+    """
+    localization.require_detections(detections)
+    tracks, frame = localization.tracks, CanonicalFrame.of(scene)
+    position, camera = np.nonzero(tracks.support >= 0)
+    box = tracks.support[position, camera]
+    left, upper, right, _ = detections.box[box].astype(np.float64).T
+    top = np.stack([(left + right) / 2, upper], -1)
+    ground_xy = frame.to_canonical(tracks.position[position])[:, :2]
+    height = heights_in_rig(frame.rig(scene.rig), camera, top, ground_xy)
+    return position, box, frame.extent * height
 
 
 @jax.jit

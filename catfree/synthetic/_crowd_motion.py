@@ -25,6 +25,8 @@ TOP_ACCELERATION = 3.0  # m/s²
 ARRIVAL = 0.7  # meters from a waypoint at which it counts as reached
 STANDING_CHANCE = 0.35  # probability that a group stands at a reached waypoint
 STEP_LENGTH = 0.72  # meters of one step
+ENTRY_MARGIN = 3.0  # meters outside the area at which people appear and vanish
+BACKGROUND_BAND = (1.0, 5.0)  # meters outside the area where bystanders stay
 BYSTANDER_CLEARANCE = 0.3  # meters that bystanders keep from the area
 
 
@@ -38,8 +40,6 @@ class Crowd:
     background: Bool[np.ndarray, " g"]
     area: tuple[float, float, float, float]
     obstacles: Float[np.ndarray, "k 3"]
-    entry_margin: float
-    background_band: tuple[float, float]
     side: Int[np.ndarray, " g"]
     slot: Float[np.ndarray, "p 2"]
     speed: Float[np.ndarray, " g"]
@@ -75,8 +75,6 @@ class Crowd:
         standing: float,
         standing_time: float,
         obstacles: Float[np.ndarray, "k 3"],
-        entry_margin: float,
-        background_band: tuple[float, float],
     ) -> "Crowd":
         """Draw people in motion at time zero; later groups wait at their entry points."""
         groups, count = len(start), len(group)
@@ -87,8 +85,6 @@ class Crowd:
             background=background,
             area=area,
             obstacles=obstacles,
-            entry_margin=entry_margin,
-            background_band=background_band,
             side=rng.integers(4, size=groups),
             slot=np.zeros((count, 2)),
             speed=np.clip(rng.normal(*PREFERRED_SPEED, groups), 0.7, 1.8),
@@ -201,7 +197,7 @@ def _waypoints(crowd: Crowd, rng: np.random.Generator, groups: np.ndarray) -> np
     x_min, x_max, y_min, y_max = crowd.area
     share = rng.uniform(0.03, 0.97, (len(groups), 2))
     inside = np.array([x_min, y_min]) + share * [x_max - x_min, y_max - y_min]
-    near, far = crowd.background_band
+    near, far = BACKGROUND_BAND
     away = near + rng.uniform(size=len(groups)) * (far - near)
     along = rng.uniform(-0.1, 1.1, len(groups))
     outside = _beside(crowd, crowd.side[groups], along, away)
@@ -213,7 +209,7 @@ def _gates(crowd: Crowd, rng: np.random.Generator, groups: np.ndarray) -> np.nda
     """Draw a point per group outside the area, where it appears or vanishes."""
     side = rng.integers(4, size=len(groups))
     along = rng.uniform(0.05, 0.95, len(groups))
-    return _beside(crowd, side, along, np.full(len(groups), crowd.entry_margin))
+    return _beside(crowd, side, along, np.full(len(groups), ENTRY_MARGIN))
 
 
 def _beside(crowd: Crowd, side: np.ndarray, along: np.ndarray, away: np.ndarray) -> np.ndarray:

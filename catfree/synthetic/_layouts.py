@@ -5,13 +5,13 @@ World coordinates are meters, z up, ground z = 0, with the evaluation area cente
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError, quoted
-from catfree.synthetic._walkers import Area
+from catfree.synthetic._walkers import Area, middle_and_half
 from catfree.types import Lens, Plane, Rig, Scene
 
 # Self-calibration may try 0.5, 0.7 and 0.9 image widths first. Focal lengths are drawn between
@@ -80,7 +80,9 @@ def ring(
     radius = side / 2 + rng.uniform(1.0, 3.0, cameras)
     ground = radius[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
     aim = rng.normal(0, side / 16, (cameras, 2))
-    rig = _aimed_rig(rng, ground, rng.uniform(*height, cameras), aim, image_size)
+    center = np.column_stack([ground, rng.uniform(*height, cameras)])
+    focal = image_size[0] * draw_focals(rng, cameras)
+    rig = _aimed_rig(rng, center, aim, image_size, focal)
     half = side / 2
     return Layout(f"ring{cameras}", rig, (-half, half, -half, half), fps, people)
 
@@ -111,7 +113,9 @@ def wildtrack_like(seed: int = 0) -> Layout:
             np.array([[0.0, -2.0], [0.0, 4.0]]) + rng.normal(0, 1, (2, 2)),
         ]
     )
-    rig = _aimed_rig(rng, ground, rng.uniform(2.2, 3.5, 7), aim, (1920, 1080), LONG_FOCAL_RANGE)
+    center = np.column_stack([ground, rng.uniform(2.2, 3.5, 7)])
+    focal = 1920 * draw_focals(rng, 7, LONG_FOCAL_RANGE)
+    rig = _aimed_rig(rng, center, aim, (1920, 1080), focal)
     return Layout("wildtrack", rig, area, 2.0, 24)
 
 
@@ -166,20 +170,12 @@ def shop(seed: int = 0, *, fisheye: bool = True) -> Layout:
     corner = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     aim = 0.35 * corner + rng.normal(0, 0.3, (4, 2))
     center = np.column_stack([corner, np.full(4, 3.0)])
-    target = np.column_stack([aim, np.full(4, SCENE_POINT_HEIGHT)])
-    roll = np.deg2rad(ROLL) * rng.standard_normal(4)
-    R = np.stack([look_at(*view) for view in zip(center, target, roll, strict=True)])
-    width, rows, focal = (1920, 1440, 1920 / np.pi) if fisheye else (2400, 2000, 640.0)
-    K = np.diag([focal, focal, 1.0])
-    K[:2, 2] = (width - 1) / 2, (rows - 1) / 2
-    rig = Rig(
-        np.tile(K, (4, 1, 1)),
-        R,
-        -np.einsum("cij,cj->ci", R, center),
-        (width, rows),
-        np.tile(SHOP_LENS, (4, 1)) if fisheye else None,
-        lens=[Lens.FISHEYE if fisheye else Lens.PINHOLE] * 4,
-    )
+    if fisheye:
+        rig = _aimed_rig(rng, center, aim, (1920, 1440), np.full(4, 1920 / np.pi))
+        lens, kind = np.tile(SHOP_LENS, (4, 1)), np.full(4, Lens.FISHEYE)
+        rig = replace(rig, distortion=lens, lens=kind)
+    else:
+        rig = _aimed_rig(rng, center, aim, (2400, 2000), np.full(4, 640.0))
     x, y = half - 0.3
     return Layout("shop", rig, (-x, x, -y, y), 5.0, 10)
 
@@ -267,34 +263,30 @@ def _around(
     people: int,
 ) -> Layout:
     """Place cameras evenly along a rectangle 0.5 to 2.5 m outside the area."""
-    x_min, x_max, y_min, y_max = area
-    half = np.array([x_max - x_min, y_max - y_min]) / 2
-    middle = np.array([x_min + x_max, y_min + y_max]) / 2
+    middle, half = middle_and_half(area)
     bearing = 2 * np.pi * (np.arange(cameras) + rng.uniform(-0.25, 0.25, cameras)) / cameras
     direction = np.stack([np.cos(bearing), np.sin(bearing)], -1)
     border = direction / np.abs(direction / half).max(-1, keepdims=True)
     ground = middle + border + direction * rng.uniform(0.5, 2.5, (cameras, 1))
     aim = middle + rng.normal(0, 0.12, (cameras, 2)) * half
-    rig = _aimed_rig(rng, ground, rng.uniform(*height, cameras), aim, (1920, 1080))
+    center = np.column_stack([ground, rng.uniform(*height, cameras)])
+    rig = _aimed_rig(rng, center, aim, (1920, 1080), 1920 * draw_focals(rng, cameras))
     return Layout(name, rig, area, fps, people)
 
 
 def _aimed_rig(
     rng: np.random.Generator,
-    ground: Float[np.ndarray, "cam 2"],
-    height: Float[np.ndarray, " cam"],
+    center: Float[np.ndarray, "cam 3"],
     aim: Float[np.ndarray, "cam 2"],
     image_size: tuple[int, int],
-    focal_range: tuple[float, float] = FOCAL_RANGE,
+    focal: Float[np.ndarray, " cam"],
 ) -> Rig:
-    """Rig of cameras above `ground` that look at `aim`, with drawn focal lengths and rolls."""
-    cameras = len(ground)
+    """Rig of cameras that look at people at `aim`; `focal` in pixels, rolls are drawn."""
+    cameras = len(center)
     width, rows = image_size
-    focal = draw_focals(rng, cameras, focal_range) * width
     K = np.zeros((cameras, 3, 3))
     K[:, 0, 0] = K[:, 1, 1] = focal
     K[:, :, 2] = [(width - 1) / 2, (rows - 1) / 2, 1.0]
-    center = np.column_stack([ground, height])
     target = np.column_stack([aim, np.full(cameras, SCENE_POINT_HEIGHT)])
     roll = np.deg2rad(ROLL) * rng.standard_normal(cameras)
     R = np.stack([look_at(*view) for view in zip(center, target, roll, strict=True)])

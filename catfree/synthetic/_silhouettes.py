@@ -56,6 +56,45 @@ class Silhouettes:
     hidden_by: Int[np.ndarray, " m"]
 
 
+def swing_leg(
+    stride: Float[np.ndarray, "*n"], amount: Float[np.ndarray, "*n"], side: int
+) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """The ankle of one leg in the walking cycle, in body heights.
+
+    Args:
+        stride: phase of the walking cycle in radians.
+        amount: how far the legs swing, in [0, 1]; 0 for standing people.
+        side: -1 for the left leg, 1 for the right one.
+
+    Returns:
+        How far the ankle is ahead of the body, by how much it is lifted, and its heel above that.
+    """
+    ahead = side * STRIDE_SHARE * amount * np.sin(stride)
+    lift = LIFT * amount * np.maximum(0, side * np.cos(stride))
+    return ahead, lift, HEEL_RISE * np.maximum(0, -ahead / STRIDE_SHARE)
+
+
+def on_ground(
+    body: Float[np.ndarray, "*n k 3"],
+    position: Float[np.ndarray, "*n 2"],
+    heading: Float[np.ndarray, "*n"],
+    height: Float[np.ndarray, "*#n"],
+) -> Float[np.ndarray, "*n k 3"]:
+    """World points of people from points in body axes: across, ahead and up, in body heights.
+
+    Args:
+        body: (..., K, 3) points of each person.
+        position: (..., 2) where the body axes meet the ground, in meters.
+        heading: (...,) directions that the bodies face, in radians from world x.
+        height: (...,) of the people in meters.
+    """
+    c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
+    across, ahead, up = np.moveaxis(body * height[..., None, None], -1, 0)
+    x = position[..., :1] + across * s + ahead * c
+    y = position[..., 1:] - across * c + ahead * s
+    return np.stack([x, y, up], -1)
+
+
 def body_points(walkers: Walkers) -> Float[np.ndarray, "t p k 3"]:
     """(T, P, K, 3) points on the outline of each body, in meters; the last 8 are heels and toes.
 
@@ -63,22 +102,16 @@ def body_points(walkers: Walkers) -> Float[np.ndarray, "t p k 3"]:
     of a box, is ahead of the body axis. Real boxes have the same bias.
     """
     amount = np.clip(np.linalg.norm(walkers.velocity, axis=-1) / FREE_SPEED, 0, 1)
-    swing = STRIDE_SHARE * amount * np.sin(walkers.stride)
     feet = []
     for side in (-1, 1):
-        lift = LIFT * amount * np.maximum(0, side * np.cos(walkers.stride))
-        rise = HEEL_RISE * np.maximum(0, -side * swing / STRIDE_SHARE)
+        ankle, lift, rise = swing_leg(walkers.stride, amount, side)
         for across in (-_FOOT_HALF_WIDTH, _FOOT_HALF_WIDTH):
-            x = np.full_like(swing, side * _FOOT_ACROSS + across)
-            feet.append(np.stack([x, side * swing + _HEEL, lift + rise], -1))
-            feet.append(np.stack([x, side * swing + _TOE, lift], -1))
-    upper = np.broadcast_to(_UPPER_BODY, (*swing.shape, *_UPPER_BODY.shape))
-    local = np.concatenate([upper, np.stack(feet, -2)], -2)
-    c, s = np.cos(walkers.heading)[..., None], np.sin(walkers.heading)[..., None]
-    across, ahead, up = np.moveaxis(local * walkers.height[None, :, None, None], -1, 0)
-    x = walkers.position[..., :1] + across * s + ahead * c
-    y = walkers.position[..., 1:] - across * c + ahead * s
-    return np.stack([x, y, up], -1)
+            x = np.full_like(ankle, side * _FOOT_ACROSS + across)
+            feet.append(np.stack([x, ankle + _HEEL, lift + rise], -1))
+            feet.append(np.stack([x, ankle + _TOE, lift], -1))
+    upper = np.broadcast_to(_UPPER_BODY, (*amount.shape, *_UPPER_BODY.shape))
+    body = np.concatenate([upper, np.stack(feet, -2)], -2)
+    return on_ground(body, walkers.position, walkers.heading, walkers.height[None])
 
 
 def cast_silhouettes(

@@ -20,10 +20,15 @@ HEIGHT_SPREAD = 0.08
 # the people in a street in groups, mostly pairs).
 GROUP_SIZE_SHARE = (0.5, 0.32, 0.12, 0.06)
 
-ENTRY_MARGIN = 3.0  # meters outside the area at which people appear and vanish
 WALK_OUT = 6.0  # seconds between a decision to leave and the next arrival, about the walk out
-BACKGROUND_BAND = (1.0, 5.0)  # meters outside the area where bystanders stay
 LONGEST_STEP = 0.125  # seconds; longer frame intervals are integrated in several steps
+
+
+def middle_and_half(area: Area) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """The middle (2,) of an area and half its extents (2,) along x and y."""
+    x_min, x_max, y_min, y_max = area
+    low, high = np.array([x_min, y_min]), np.array([x_max, y_max])
+    return (low + high) / 2, (high - low) / 2
 
 
 @dataclass(frozen=True)
@@ -122,8 +127,6 @@ def simulate_walkers(
         standing=float(standing),
         standing_time=float(standing_time),
         obstacles=np.zeros((0, 3)) if obstacles is None else np.asarray(obstacles, np.float64),
-        entry_margin=ENTRY_MARGIN,
-        background_band=BACKGROUND_BAND,
     )
     steps = max(1, int(np.ceil(1 / (fps * LONGEST_STEP) - 1e-9)))
     dt = 1 / (fps * steps)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from catfree.geometry import CanonicalFrame
-from catfree.geometry._person import heights_in_rig
+from catfree.geometry._person import heights_by_boxes
 from catfree.types import Detections, Localization, Scene
 
 
@@ -23,12 +22,6 @@ def person_height(detections: Detections, localization: Localization, scene: Sce
     """
     if len(detections) == 0:
         return 0.0
-    localization.require_detections(detections)
-    support, frame = localization.tracks.support, CanonicalFrame.of(scene)
-    row, camera = np.nonzero(support >= 0)
-    box = detections.box[support[row, camera]]
-    top = np.stack([(box[:, 0] + box[:, 2]) / 2, box[:, 1]], -1)
-    place = frame.to_canonical(localization.tracks.position[row])[:, :2]
-    values = frame.extent * heights_in_rig(frame.rig(scene.rig), camera, top, place)
-    values = values[values > 0]
-    return float(np.median(values)) if len(values) else 0.0
+    _, _, height = heights_by_boxes(detections, localization, scene)
+    height = height[height > 0]
+    return float(np.median(height)) if len(height) else 0.0

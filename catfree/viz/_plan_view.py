@@ -19,27 +19,26 @@ def length_unit(scene: Scene) -> str:
     return "m" if scene.metric else "scene units"
 
 
-def camera_wedge(scene: Scene, camera: int) -> Float[np.ndarray, "3 2"]:
-    """The field of view of a camera from above: its center, and its left and right end.
-
-    Args:
-        scene: the scene.
-        camera: index of a registered camera.
+def camera_wedges(scene: Scene) -> dict[int, Float[np.ndarray, "3 2"]]:
+    """The field of view of each registered camera from above: center, left and right end.
 
     Returns:
-        (3, 2) ground coordinates. The ends lie `WEDGE_LENGTH * E` away from the center, towards
-        the left and right border of the picture at its middle row.
+        (3, 2) ground coordinates by camera. The ends lie `WEDGE_LENGTH * E` away from the center,
+        towards the left and right border of the picture at its middle row.
     """
-    rig = scene.rig
-    width, height = (float(size) for size in rig.image_size[camera])
-    middle = (height - 1) / 2
-    borders = np.array([[-0.5, middle], [width - 0.5, middle]])
-    center = to_plan(scene, np.asarray(rig.centers)[camera])
-    direction = to_plan(scene, rays_of_pixels(rig, camera, borders))
-    length = np.linalg.norm(direction, axis=-1, keepdims=True)
-    # A ray straight down has no direction on the plan.
-    direction = direction / np.where(length > 0, length, 1)
-    return np.vstack([center, center + WEDGE_LENGTH * float(scene.extent) * direction])
+    rig, wedges = scene.rig, {}
+    for camera in np.flatnonzero(rig.registered).tolist():
+        width, height = (float(size) for size in rig.image_size[camera])
+        middle = (height - 1) / 2
+        borders = np.array([[-0.5, middle], [width - 0.5, middle]])
+        center = to_plan(scene, np.asarray(rig.centers)[camera])
+        direction = to_plan(scene, rays_of_pixels(rig, camera, borders))
+        length = np.linalg.norm(direction, axis=-1, keepdims=True)
+        # A ray straight down has no direction on the plan.
+        direction = direction / np.where(length > 0, length, 1)
+        ends = center + WEDGE_LENGTH * float(scene.extent) * direction
+        wedges[camera] = np.vstack([center, ends])
+    return wedges
 
 
 def camera_names(rig: Rig, names: Sequence[str] | None = None) -> list[str]:
@@ -91,8 +90,7 @@ def view_area(
             outside.
         area: x_min, x_max, y_min, y_max of an area to include, or None.
     """
-    registered = np.flatnonzero(scene.rig.registered)
-    parts = [camera_wedge(scene, int(camera)) for camera in registered]
+    parts = list(camera_wedges(scene).values())
     if len(xy):
         parts.append(np.quantile(xy, [0.005, 0.995], axis=0))
     if area is not None:

@@ -3,11 +3,14 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.errors import InvalidInputError
-from catfree.synthetic._crowd_motion import TOP_ACCELERATION, TOP_SPEED
-from catfree.synthetic._walkers import (
-    ASSUMED_HEIGHT,
+from catfree.synthetic._crowd_motion import (
     BACKGROUND_BAND,
     ENTRY_MARGIN,
+    TOP_ACCELERATION,
+    TOP_SPEED,
+)
+from catfree.synthetic._walkers import (
+    ASSUMED_HEIGHT,
     HEIGHT_MEAN_SHIFT,
     simulate_walkers,
 )

@@ -18,7 +18,7 @@ from catfree.adapters.video._detect_videos import Seen, collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, ask_for_people
 from catfree.geometry import CanonicalFrame
-from catfree.geometry._person import edges_of, heights_in_rig, people_in_rig
+from catfree.geometry._person import edges_of, heights_by_boxes, people_in_rig
 from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Detections, Localization, Scene
 from catfree.types._sampling import rows_of_picture
@@ -169,24 +169,16 @@ def track_heights(
     Raises:
         InvalidInputError: if the localization was made from other detections.
     """
-    localization.require_detections(detections)
     tracks = localization.tracks
-    row, camera = np.nonzero(tracks.support >= 0)
-    box = detections.box[tracks.support[row, camera]].astype(np.float64)
-    uncut = box[:, 1] > EDGE
+    row, box, height = heights_by_boxes(detections, localization, scene)
+    uncut = detections.box[box, 1] > EDGE
     if not uncut.any():
         return np.zeros(len(tracks))
-    row, camera, box = row[uncut], camera[uncut], box[uncut]
-    frame = CanonicalFrame.of(scene)
-    ground_xy = frame.to_canonical(tracks.position[row])[:, :2]
-    top = np.stack([(box[:, 0] + box[:, 2]) / 2, box[:, 1]], -1)
-    height = (
-        np.maximum(heights_in_rig(frame.rig(scene.rig), camera, top, ground_xy), 0) * frame.extent
-    )
+    identity, height = tracks.track_id[row[uncut]], np.maximum(height[uncut], 0)
     usual = float(np.median(height))
     by_person = {
-        one: np.median(height[tracks.track_id[row] == one])
-        for one, count in zip(*np.unique(tracks.track_id[row], return_counts=True), strict=True)
+        one: np.median(height[identity == one])
+        for one, count in zip(*np.unique(identity, return_counts=True), strict=True)
         if count >= FEWEST_HEIGHTS
     }
     return np.array([by_person.get(one, usual) for one in tracks.track_id])

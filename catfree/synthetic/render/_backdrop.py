@@ -20,7 +20,6 @@ from catfree.synthetic.render._textures import (
     TEXEL,
     cloud,
     front_picture,
-    ground_picture,
     solid_outline,
 )
 from catfree.types import Rig
@@ -50,7 +49,7 @@ def render_background(
     stage: Stage,
     rig: Rig,
     camera: int,
-    ground: tuple[UInt8[np.ndarray, "y x 3"], UInt8[np.ndarray, "y x"]] | None = None,
+    ground: tuple[UInt8[np.ndarray, "y x 3"], UInt8[np.ndarray, "y x"]],
 ) -> Background:
     """Render the picture, the furniture's distances and the sunlit ground of one camera.
 
@@ -58,11 +57,11 @@ def render_background(
         stage: the static objects.
         rig: the true cameras in meters.
         camera: index of the camera.
-        ground: `ground_picture(stage)` if already computed, or None.
+        ground: `ground_picture(stage)`, the same for all cameras.
     """
     canvas = Canvas(rig, camera)
     _sky(canvas, stage)
-    _ground(canvas, ground_picture(stage) if ground is None else ground, stage)
+    _ground(canvas, ground, stage)
     _fronts(canvas, stage)
     for index, solid in enumerate(stage.solids):
         window = canvas.window(solid_outline(solid))

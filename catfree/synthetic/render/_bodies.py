@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.synthetic._silhouettes import FREE_SPEED, HEEL_RISE, LIFT, STRIDE_SHARE
+from catfree.synthetic._silhouettes import FREE_SPEED, STRIDE_SHARE, swing_leg
 
 SIDES = 10  # sides of a tube's cross-section
-THIGH = SHANK = 0.234
+LEG_BONE = 0.234  # thigh and shank are of one length
 UPPER_ARM, FOREARM = 0.165, 0.145
 
 # Parts with their own color.
@@ -85,13 +85,10 @@ def body_vertices(
         speed: (N,) in m/s; at 0 the legs are straight.
     """
     amount = np.clip(speed / FREE_SPEED, 0, 1)
-    swing = STRIDE_SHARE * amount * np.sin(stride)
     bob = -0.02 * amount * np.abs(np.sin(stride))
     legs, shoes, arms = [], [], []
     for side in (-1, 1):
-        ahead = side * swing
-        lift = LIFT * amount * np.maximum(0, side * np.cos(stride))
-        heel = HEEL_RISE * np.maximum(0, -ahead / STRIDE_SHARE)
+        ahead, lift, heel = swing_leg(stride, amount, side)
         legs.append(_leg(side, ahead, 0.04 + lift + heel, bob))
         shoes.append(_shoe(side, ahead, lift, heel))
         arms.append(_arm(side, -0.48 * ahead / STRIDE_SHARE, bob))
@@ -148,7 +145,7 @@ def _leg(side: int, ahead: np.ndarray, ankle: np.ndarray, bob: np.ndarray) -> np
     """Sweep a leg from hip to ankle in the plane of travel; the knee bends forward."""
     hip = np.stack([np.zeros_like(ahead), 0.507 + bob], -1)
     foot = np.stack([ahead, ankle], -1)
-    knee = _joint(hip, foot, THIGH, SHANK)
+    knee = _knee(hip, foot)
     middle, calf = (hip + knee) / 2, knee + 0.3 * (foot - knee)
     path = np.stack([hip, middle, knee, calf, foot], 1)
     x = np.broadcast_to(side * np.array([0.048, 0.05, 0.052, 0.054, 0.055]), path.shape[:2])
@@ -194,11 +191,11 @@ def _arm(side: int, angle: np.ndarray, bob: np.ndarray) -> np.ndarray:
     return _sagittal(x, path, np.stack([radius, radius], -1))
 
 
-def _joint(hip: np.ndarray, foot: np.ndarray, upper: float, lower: float) -> np.ndarray:
-    """Knee of a two-bone leg, bent forward; straight if the foot is out of reach."""
+def _knee(hip: np.ndarray, foot: np.ndarray) -> np.ndarray:
+    """Knee of a leg, bent forward; straight if the foot is out of reach."""
     reach = foot - hip
     length = np.clip(np.linalg.norm(reach, axis=-1, keepdims=True), 1e-6, None)
-    bend = np.sqrt(np.maximum(upper**2 - (length / 2) ** 2, 0)) if upper == lower else 0 * length
+    bend = np.sqrt(np.maximum(LEG_BONE**2 - (length / 2) ** 2, 0))
     forward = np.stack([-reach[..., 1], reach[..., 0]], -1) / length
     return hip + reach / 2 + bend * forward
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from catfree.synthetic._silhouettes import project_points
+from catfree.synthetic._silhouettes import on_ground, project_points
 from catfree.synthetic._walkers import Walkers
 from catfree.synthetic.render._backdrop import Background
 from catfree.synthetic.render._bodies import BAG, body_vertices, build_mesh
@@ -72,13 +72,9 @@ class Painter:
         if not len(people):
             return people, np.zeros((0, 0, 3))
         speed = np.linalg.norm(walkers.velocity[frame, people], axis=-1)
-        local = body_vertices(walkers.stride[frame, people], speed)
-        local = local * walkers.height[people, None, None]
-        heading = walkers.heading[frame, people, None]
-        c, s = np.cos(heading), np.sin(heading)
-        x = walkers.position[frame, people, :1] + local[..., 0] * s + local[..., 1] * c
-        y = walkers.position[frame, people, 1:] - local[..., 0] * c + local[..., 1] * s
-        return people, np.stack([x, y, local[..., 2]], -1)
+        body = body_vertices(walkers.stride[frame, people], speed)
+        place, heading = walkers.position[frame, people], walkers.heading[frame, people]
+        return people, on_ground(body, place, heading, walkers.height[people])
 
     def _shadows(self, picture: Frame, vertices: Float[np.ndarray, "n v 3"]) -> None:
         """Darken the sunlit ground where bodies stand between it and the sun, in place."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError, quoted
-from catfree.synthetic._walkers import Area
+from catfree.synthetic._walkers import Area, middle_and_half
 
 # Furniture as (radius, height) in meters; people walk around the circle.
 PILLAR = (0.17, 4.0)
@@ -81,14 +81,12 @@ class Stage:
     @property
     def middle(self) -> Float[np.ndarray, "2"]:
         """(2,) center of the area."""
-        x_min, x_max, y_min, y_max = self.area
-        return np.array([(x_min + x_max) / 2, (y_min + y_max) / 2])
+        return middle_and_half(self.area)[0]
 
     @property
     def half(self) -> Float[np.ndarray, "2"]:
         """(2,) half extents of the area."""
-        x_min, x_max, y_min, y_max = self.area
-        return np.array([(x_max - x_min) / 2, (y_max - y_min) / 2])
+        return middle_and_half(self.area)[1]
 
 
 def street_furniture(
@@ -117,7 +115,7 @@ def street_furniture(
     kinds = [PILLAR] * pillars + [
         (PLANTER, BENCH, ADVERTISING_COLUMN)[i % 3] for i in range(others)
     ]
-    x_min, x_max, y_min, y_max = area
+    middle, half = middle_and_half(area)
     placed: list[tuple[float, float, float, float]] = []
     for radius, height in kinds:
         # Objects that block the view stand near the border, as in a real square.
@@ -126,8 +124,7 @@ def street_furniture(
         best, best_gap = np.zeros(2), -np.inf
         for _ in range(30):
             share = rng.uniform(-0.85, 0.85, 2)
-            point = np.array([x_min + x_max, y_min + y_max]) / 2
-            point = point + share * np.array([x_max - x_min, y_max - y_min]) / 2
+            point = middle + share * half
             gaps = [np.hypot(*(point - other[:2])) - other[2] - radius for other in placed]
             if cameras is not None and height > 1:
                 gaps += [np.hypot(*(point - camera[:2])) - clear for camera in cameras]
@@ -175,8 +172,7 @@ def build_stage(
             np.sin(elevation),
         ]
     )
-    middle = np.array([area[0] + area[1], area[2] + area[3]]) / 2
-    half = np.array([area[1] - area[0], area[3] - area[2]]) / 2
+    middle, half = middle_and_half(area)
     outermost = np.abs(cameras[:, :2] - middle).max(0)
     front = np.maximum(half + BUILDING_DISTANCE, outermost + 8.0)
     solids = [solid for column in columns for solid in _furniture(rng, column)]

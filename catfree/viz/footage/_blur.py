@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from catfree.geometry import CanonicalFrame
 from catfree.geometry._person import people_in_rig
 from catfree.types import Detections, Localization, Scene
+from catfree.viz._camera_view import in_reach
 from catfree.viz.footage._drawing import Image
 
 BLOCKS = 5  # what is left of a person is about this many colors across
@@ -86,11 +87,10 @@ def people_regions(
     position = localization.tracks.position[localization.tracks.frame == frame]
     head, foot, in_front = posts(position, person_height, scene, camera)
     pixel = np.stack([foot, (foot + head) / 2, head], 1)
-    # Beside the camera, a person out of the picture would cover all of it.
-    size = np.asarray(scene.rig.image_size[camera], np.float64)
+    size = scene.rig.image_size[camera]
     inside = ((pixel >= 0) & (pixel < size)).all(-1).any(-1)
-    near = ((pixel > -size) & (pixel < 2 * size)).all((-1, -2))
-    shown = in_front & inside & near
+    # Beside the camera, a person out of the picture would cover all of it.
+    shown = in_front & inside & in_reach(pixel, size).all(-1)
     foot, head = foot[shown], head[shown]
     half = WIDTH_SHARE / 2 * np.linalg.norm(head - foot, axis=-1, keepdims=True)
     corners = [np.minimum(foot, head) - half, np.maximum(foot, head) + half]

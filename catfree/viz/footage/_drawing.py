@@ -35,6 +35,12 @@ def draw_polyline(
     cv2.polylines(image, [fixed], closed, color, max(1, round(stroke)), cv2.LINE_AA, 4)
 
 
+def draw_box(image: Image, box: Float[np.ndarray, "4"], color: Color, stroke: float) -> None:
+    """Draw the outline of a box x1, y1, x2, y2 in pixels in place."""
+    corners = box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2)
+    draw_polyline(image, corners, color, stroke, closed=True)
+
+
 def fill_polygon(
     image: Image, points: Float[np.ndarray, "n 2"], color: Color, opacity: float
 ) -> None:

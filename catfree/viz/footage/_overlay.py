@@ -13,14 +13,16 @@ from catfree.geometry.camera import pixels_of_points
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
 from catfree.types._annotations import Progress
 from catfree.types._writing import replacement
-from catfree.viz._camera_view import visible_runs
+from catfree.viz._camera_view import in_reach, visible_runs
 from catfree.viz._palette import CAMERA_COLOR, track_color
 from catfree.viz._person_height import person_height as estimate_person_height
 from catfree.viz._plan_view import camera_names as names_of, view_area
 from catfree.viz.footage._blur import blur_regions, people_regions, posts
+from catfree.viz.footage._contact_sheet import Board
 from catfree.viz.footage._drawing import (
     Image,
     default_stroke,
+    draw_box,
     draw_label,
     draw_labels,
     draw_polyline,
@@ -91,8 +93,7 @@ def draw_frame(
     else:
         require_camera_picture(image, scene, camera)
     for row in box_rows:
-        corners = detections.box[row, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2)
-        draw_polyline(canvas, corners, track_color(identity[row]), 0.6 * thick, closed=True)
+        draw_box(canvas, detections.box[row], track_color(identity[row]), 0.6 * thick)
     if len(positions):
         _draw_people(canvas, positions, scene, camera, float(person_height), thick)
     return canvas
@@ -152,13 +153,13 @@ def write_overlay_video(
     source.require_cameras(scene.rig.camera_count)
     if person_height is None:
         person_height = estimate_person_height(detections, localization, scene)
-    board = _Board(scene, localization.tracks, names_of(scene.rig, camera_names), width)
+    screen = _Screen(scene, localization.tracks, names_of(scene.rig, camera_names), width)
     rate = fps or source.fps or DEFAULT_FPS
     codec = CODECS[target.suffix.lower()]
     with replacement(target, suffix=target.suffix.lower()) as partial:
         with _silent_codec():
             fourcc = cv2.VideoWriter.fourcc(*codec)
-            writer = cv2.VideoWriter(str(partial), fourcc, rate, board.size)
+            writer = cv2.VideoWriter(str(partial), fourcc, rate, screen.size)
         try:
             if not writer.isOpened():
                 raise InvalidInputError(
@@ -174,12 +175,12 @@ def write_overlay_video(
                         localization,
                         scene,
                         person_height=person_height,
-                        stroke=board.stroke_in(camera),
+                        stroke=screen.stroke_in(camera),
                         blur=blur,
                     )
                     for camera, image in enumerate(images)
                 ]
-                writer.write(board.assemble(frame, pictures)[..., ::-1].copy())
+                writer.write(screen.assemble(frame, pictures)[..., ::-1].copy())
                 if progress is not None:
                     progress(STAGE, done, source.frame_count)
         finally:
@@ -199,54 +200,45 @@ def _silent_codec() -> Iterator[None]:
         yield
 
 
-class _Board:
+class _Screen:
     """Layout of the camera images and the bird's-eye view in the video's frames."""
 
     def __init__(self, scene: Scene, tracks: Tracks, names: Sequence[str], width: int) -> None:
         sizes = np.asarray(scene.rig.image_size, np.float64)
         count = len(sizes)
         tallest = float((sizes[:, 1] / sizes[:, 0]).max())
-        self._columns = _tile_columns(count, tallest)
-        tile = int(width * (1 - PLAN_SHARE)) // self._columns // 2 * 2
+        columns = _tile_columns(count, tallest)
+        tile = int(width * (1 - PLAN_SHARE)) // columns // 2 * 2
         if tile < 16:
             raise InvalidInputError(
                 f"width is {width} pixels, too small for {count} cameras. Pass a larger one."
             )
-        self._tile = (tile, max(round(tile * tallest / 2) * 2, 2))
-        rows = -(-count // self._columns)
-        plan = (int(width) // 2 * 2 - tile * self._columns, self._tile[1] * rows)
-        self.size = (plan[0] + tile * self._columns, plan[1])
-        self._shrink = np.minimum(*(np.array(self._tile) / sizes).T)
+        tile_height = max(round(tile * tallest / 2) * 2, 2)
+        self._board = Board.of(scene.rig.image_size, columns, (tile, tile_height))
+        self.size = (int(width) // 2 * 2, self._board.size[1])
         self._stroke = max(1.0, tile / 480)
         self._names, self._tracks = names, tracks
         view = view_area(scene, tracks.ground_xy)
+        plan = (self.size[0] - self._board.size[0], self.size[1])
         self._plan = PlanCanvas(scene, view, plan, names, self._stroke)
         self._frames = np.unique(tracks.frame)
 
     def stroke_in(self, camera: int) -> float:
         """Thickness in the original image that gives the board's stroke after scaling."""
-        return float(self._stroke / self._shrink[camera])
+        return float(self._stroke / self._board.scale[camera])
 
     def assemble(self, frame: int, pictures: Sequence[Image]) -> Image:
-        import cv2
-
-        board = np.zeros((self.size[1], self.size[0], 3), np.uint8)
-        for camera, picture in enumerate(pictures):
-            row, column = divmod(camera, self._columns)
-            shrink = self._shrink[camera]
-            size = [max(round(float(side * shrink)), 1) for side in picture.shape[1::-1]]
-            x, y = column * self._tile[0], row * self._tile[1]
-            small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-            board[y : y + size[1], x : x + size[0]] = small
-            draw_label(board, self._names[camera], (x, y), CAMERA_COLOR, self._stroke)
+        board = self._board.assemble(pictures)
+        width = self._board.tile[0]
+        for name, (x, y) in zip(self._names, self._board.tiles[:, :2], strict=True):
+            draw_label(board[y:, x : x + width], name, (0, 0), CAMERA_COLOR, self._stroke)
         first = max(int(np.searchsorted(self._frames, frame, side="right")) - TRAIL, 0)
         since = self._frames[first] if first < len(self._frames) else frame
         rows = slice(*np.searchsorted(self._tracks.frame, [since, frame + 1]))
         recent = self._tracks[rows]
         plan = self._plan.draw(recent[recent.frame == frame], recent)
         draw_label(plan, f"frame {frame}", (0, 0), CAMERA_COLOR, self._stroke)
-        board[:, self.size[0] - plan.shape[1] :] = plan
-        return board
+        return np.hstack([board, plan])
 
 
 def _tile_columns(count: int, ratio: float) -> int:
@@ -269,7 +261,8 @@ def _draw_people(
     ):
         color = track_color(identity)
         post = np.stack([foot, head])
-        if not imaged or not _inside(post, size):
+        in_picture = ((post >= 0) & (post < size)).all(-1).any()
+        if not (imaged and in_picture and in_reach(post, size).all()):
             continue
         pixel, in_front = pixels_of_points(scene.rig, camera, position + ring)
         for run in visible_runs(pixel, in_front, size):
@@ -287,10 +280,3 @@ def _draw_people(
         [colors[at] for at in labeled],
         stroke,
     )
-
-
-def _inside(pixel: np.ndarray, size: tuple[int, int]) -> bool:
-    """Return whether the foot or the head is inside the image, and neither is far outside."""
-    limit = np.array(size)
-    is_visible = ((pixel >= 0) & (pixel < limit)).all(-1).any()
-    return bool(is_visible and ((pixel > -limit) & (pixel < 2 * limit)).all())

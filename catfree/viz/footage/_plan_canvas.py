@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from catfree.types import Origin, Scene, Tracks
 from catfree.viz._palette import CAMERA_COLOR, track_color
-from catfree.viz._plan_view import camera_wedge, confidence_ellipse, length_unit
+from catfree.viz._plan_view import camera_wedges, confidence_ellipse, length_unit
 from catfree.viz.footage._drawing import Image, draw_labels, draw_polyline, fill_polygon, round_step
 
 PAPER = (250, 250, 250)
@@ -102,16 +102,15 @@ class PlanCanvas:
         )
 
     def _draw_cameras(self, scene: Scene, names: Sequence[str]) -> None:
-        registered = np.flatnonzero(scene.rig.registered)
-        wedges = [self.to_pixels(camera_wedge(scene, int(camera))) for camera in registered]
-        for wedge in wedges:
+        wedges = {camera: self.to_pixels(xy) for camera, xy in camera_wedges(scene).items()}
+        for wedge in wedges.values():
             fill_polygon(self._background, wedge, CAMERA_COLOR, 0.2)
             draw_polyline(self._background, wedge, CAMERA_COLOR, self._stroke, closed=True)
         self._occupied = draw_labels(
             self._background,
-            [names[int(camera)] for camera in registered],
-            np.array([wedge[0] for wedge in wedges]).reshape(-1, 2),
-            [CAMERA_COLOR] * len(registered),
+            [names[camera] for camera in wedges],
+            np.array([wedge[0] for wedge in wedges.values()]).reshape(-1, 2),
+            [CAMERA_COLOR] * len(wedges),
             self._stroke,
             occupied=self._occupied,
         )

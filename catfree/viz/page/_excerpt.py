@@ -1,17 +1,17 @@
 """The part of a run that the report page plays, and its pictures."""
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
 
-from catfree.adapters.files._documents import write_bytes_atomically
 from catfree.adapters.video import SynchronizedVideos
 from catfree.types import Detections, Localization, Scene
 from catfree.viz._person_height import person_height as estimate_person_height
 from catfree.viz.footage._blur import blur_people
+from catfree.viz.footage._contact_sheet import Board, write_jpeg
 
 RATE = 5.0  # instants per second of the page; footage of a higher rate is thinned out
 MOST_PICTURES = 600  # of all cameras together
@@ -33,19 +33,6 @@ class Excerpt:
     frames: Int[np.ndarray, " t"]
     rate: float
     total: int
-
-
-@dataclass(frozen=True)
-class Board:
-    """Where each camera's picture is in the pictures of the page.
-
-    Attributes:
-        size: width and height of a picture of all cameras in pixels.
-        tiles: x, y, width and height of each camera's part.
-    """
-
-    size: tuple[int, int]
-    tiles: tuple[tuple[int, int, int, int], ...]
 
 
 def choose_excerpt(
@@ -81,18 +68,11 @@ def choose_excerpt(
 
 
 def arrange(image_size: Int[np.ndarray, "cam 2"]) -> Board:
-    """Arrange the cameras' pictures in rows, one tile each."""
-    count = len(image_size)
-    columns = 1 + int(np.sqrt(max(count - 1, 0)))
+    """Where each camera's picture is in the pictures of the page."""
+    columns = math.ceil(math.sqrt(len(image_size)))
     width = min(BOARD_WIDTH // columns, LARGEST_TILE)
     height = max(round(width * float((image_size[:, 1] / image_size[:, 0]).max())), 1)
-    tiles = []
-    for camera, (w, h) in enumerate(image_size):
-        row, column = divmod(camera, columns)
-        scale = min(width / w, height / h)
-        size = max(round(float(w * scale)), 1), max(round(float(h * scale)), 1)
-        tiles.append((column * width, row * height, *size))
-    return Board((columns * width, -(-count // columns) * height), tuple(tiles))
+    return Board.of(image_size, columns, (width, height))
 
 
 def write_pictures(
@@ -133,24 +113,11 @@ def write_pictures(
             continue
         if blur:
             images = blur_people(images, frame, detections, localization, scene, height)
-        path = folder / f"{frame:06d}.jpg"
-        files.append(write_bytes_atomically(path, _encode(board, images)))
+        picture = board.assemble(images, quick=True)
+        files.append(write_jpeg(folder / f"{frame:06d}.jpg", picture, QUALITY))
     return files
 
 
 def earlier_pictures(folder: Path) -> list[Path]:
     """The files in a folder, if it exists, whose names `write_pictures` gives."""
     return [path for path in folder.glob("*.jpg") if path.stem.removeprefix("-").isdecimal()]
-
-
-def _encode(board: Board, images: Sequence[np.ndarray]) -> bytes:
-    import cv2
-
-    sheet = np.zeros((board.size[1], board.size[0], 3), np.uint8)
-    for (x, y, width, height), image in zip(board.tiles, images, strict=True):
-        # Close to the tile's size, plain interpolation is as good as an average, and much faster.
-        step = max(int(image.shape[1] / width / 2), 1)
-        small = cv2.resize(image[::step, ::step], (width, height), interpolation=cv2.INTER_LINEAR)
-        sheet[y : y + height, x : x + width] = small
-    options = [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
-    return cv2.imencode(".jpg", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR), options)[1].tobytes()

@@ -17,7 +17,7 @@ from jaxtyping import Int
 from catfree._coverage import Coverage
 from catfree.types import Clock, Detections, Localization, Origin, Scene, Tracks
 from catfree.viz._palette import TRACK_COLORS, UNTRACKED
-from catfree.viz._plan_view import camera_wedge, confidence_ellipse, length_unit, view_area
+from catfree.viz._plan_view import camera_wedges, confidence_ellipse, length_unit, view_area
 from catfree.viz.footage._drawing import round_step
 from catfree.viz.page._excerpt import Excerpt, arrange
 
@@ -62,6 +62,7 @@ def make_player(
     """
     frames, tracks = excerpt.frames, localization.tracks
     view = view_area(scene, tracks.ground_xy)
+    wedges = camera_wedges(scene)
     board = arrange(np.asarray(scene.rig.image_size))
     shown = tracks[np.isin(tracks.frame, frames)]
     shown = shown[np.argsort(shown.frame, kind="stable")]
@@ -81,10 +82,8 @@ def make_player(
             {
                 "name": str(name),
                 "size": [int(side) for side in scene.rig.image_size[camera]],
-                "tile": board.tiles[camera],
-                "wedge": camera_wedge(scene, camera).tolist()
-                if scene.rig.registered[camera]
-                else None,
+                "tile": board.tiles[camera].tolist(),
+                "wedge": wedges[camera].tolist() if camera in wedges else None,
             }
             for camera, name in enumerate(camera_names)
         ],

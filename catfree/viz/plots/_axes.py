@@ -45,6 +45,18 @@ def axes_or_new(ax: "Axes | None", view: tuple[float, float, float, float]) -> "
     return pyplot.subplots(figsize=size, layout="constrained")[1]
 
 
+def show_ground(ax: "Axes", view: tuple[float, float, float, float], unit: str) -> None:
+    """Show a rectangle of the ground with equal scales, and label its axes.
+
+    Args:
+        ax: the axes.
+        view: x_min, x_max, y_min, y_max in ground coordinates.
+        unit: of the ground coordinates.
+    """
+    ax.set(xlim=view[:2], ylim=view[2:], aspect="equal")
+    ax.set(xlabel=f"ground x ({unit})", ylabel=f"ground y ({unit})")
+
+
 def plain_label(text: str) -> str:
     """A name that matplotlib draws as it is: no formula between dollars, no missing glyph.
 

@@ -11,13 +11,13 @@ from catfree.types import Localization, Origin, Scene, Tracks
 from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
 from catfree.viz._plan_view import (
     camera_names as names_of,
-    camera_wedge,
+    camera_wedges,
     confidence_ellipse,
     length_unit,
     place_labels,
     view_area,
 )
-from catfree.viz.plots._axes import axes_or_new, figure_of, plain_label
+from catfree.viz.plots._axes import axes_or_new, figure_of, plain_label, show_ground
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,9 +91,7 @@ def plot_bird_eye(
             color=(*fraction(TRUTH_COLOR), 0.45),
         )
     ends = _draw_tracks(ax, tracks, confidence, detail_limit)
-    ax.set(xlim=view[:2], ylim=view[2:], aspect="equal")
-    unit = length_unit(scene)
-    ax.set(xlabel=f"ground x ({unit})", ylabel=f"ground y ({unit})")
+    show_ground(ax, view, length_unit(scene))
     ax.tick_params(labelsize=8)
     occupied = draw_cameras(ax, scene, names_of(scene.rig, camera_names))
     _label_tracks(ax, ends[:detail_limit], occupied)
@@ -110,7 +108,7 @@ def draw_cameras(ax: "Axes", scene: Scene, names: Sequence[str]) -> np.ndarray:
     from matplotlib.patheffects import withStroke
 
     color = fraction(CAMERA_COLOR)
-    wedges = {int(c): camera_wedge(scene, int(c)) for c in np.flatnonzero(scene.rig.registered)}
+    wedges = camera_wedges(scene)
     halo = [withStroke(linewidth=2.2, foreground="white")]  # for dark maps beneath
     look = {"facecolor": (*color, 0.16), "edgecolor": (*color, 0.8), "linewidth": 0.8}
     for wedge in wedges.values():

@@ -10,7 +10,7 @@ from catfree.errors import InvalidInputError, quoted
 from catfree.types import Localization, Scene
 from catfree.viz._palette import fraction, line_style, track_color
 from catfree.viz._plan_view import camera_names as names_of, length_unit, view_area
-from catfree.viz.plots._axes import axes_or_new, figure_of
+from catfree.viz.plots._axes import axes_or_new, figure_of, show_ground
 from catfree.viz.plots._bird_eye import draw_cameras
 
 if TYPE_CHECKING:
@@ -48,17 +48,15 @@ def plot_coverage(
     """
     if quantity not in ("sigma", "cameras"):
         raise InvalidInputError(f"quantity is {quoted(quantity)}; it must be 'sigma' or 'cameras'.")
-    view = view_area(scene, np.zeros((0, 2)), coverage.area)
+    view, unit = view_area(scene, np.zeros((0, 2)), coverage.area), length_unit(scene)
     ax = axes_or_new(ax, view)
     if quantity == "sigma":
-        _draw_sigma(ax, coverage, length_unit(scene))
+        _draw_sigma(ax, coverage, unit)
     else:
         _draw_cameras_seen(ax, coverage)
     if localization is not None:
         _draw_paths(ax, localization)
-    ax.set(xlim=view[:2], ylim=view[2:], aspect="equal")
-    unit = length_unit(scene)
-    ax.set(xlabel=f"ground x ({unit})", ylabel=f"ground y ({unit})")
+    show_ground(ax, view, unit)
     ax.tick_params(labelsize=8)
     draw_cameras(ax, scene, names_of(scene.rig, camera_names))
     return ax

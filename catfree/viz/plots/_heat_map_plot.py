@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from catfree.viz._heat_map import HeatMap
-from catfree.viz.plots._axes import axes_or_new, figure_of
+from catfree.viz.plots._axes import axes_or_new, figure_of, show_ground
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,16 +26,15 @@ def plot_heat_map(heat: HeatMap, *, ax: "Axes | None" = None, unit: str = "m") -
         MissingDependencyError: if matplotlib is not installed.
     """
     half = heat.cell / 2
+    view = (-half, half, -half, half)
     if heat.positions.size:
-        area = (heat.x[0] - half, heat.x[-1] + half, heat.y[0] - half, heat.y[-1] + half)
-    else:
-        area = (-half, half, -half, half)
-    view = tuple(float(side) for side in area)
-    ax = axes_or_new(ax, (view[0], view[1], view[2], view[3]))
+        (left, right), (low, high) = heat.x[[0, -1]].tolist(), heat.y[[0, -1]].tolist()
+        view = (left - half, right + half, low - half, high + half)
+    ax = axes_or_new(ax, view)
     if heat.positions.size:
         image = ax.imshow(
             np.ma.masked_invalid(heat.positions),
-            extent=(view[0], view[1], view[2], view[3]),
+            extent=view,
             origin="lower",
             cmap="viridis",
             interpolation="nearest",
@@ -43,6 +42,5 @@ def plot_heat_map(heat: HeatMap, *, ax: "Axes | None" = None, unit: str = "m") -
         )
         text = f"positions, cells with at least {heat.k} people"
         figure_of(ax).colorbar(image, ax=ax, label=text, shrink=0.8)
-    ax.set(xlim=view[:2], ylim=view[2:], aspect="equal")
-    ax.set(xlabel=f"ground x ({unit})", ylabel=f"ground y ({unit})")
+    show_ground(ax, view, unit)
     return ax

@@ -135,7 +135,7 @@ def test_videos_are_complete_and_show_people(tmp_path):
         assert len(pictures) == 5
         assert pictures[0].shape == (180, 320, 3)
         stage = build_stage(world.area, world.columns, world.true_centres, seed=world.seed)
-        still = render_background(stage, world.true_rig, camera).picture
+        still = render_background(stage, world.true_rig, camera, ground_picture(stage)).picture
         difference = np.abs(pictures[4].astype(int) - still).mean(-1)
         inside = np.zeros(difference.shape, bool)
         rows = (seen.camera == camera) & (seen.frame == 4) & (seen.visible.mean(-1) > 0.8)

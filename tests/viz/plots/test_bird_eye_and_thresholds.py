@@ -14,7 +14,7 @@ from catfree.geometry._plane import from_plan, to_plan
 from catfree.types import Fate, Localization, Origin, Tracks
 from catfree.viz import plot_bird_eye, plot_gates
 from catfree.viz._palette import FATE_COLORS, TRACK_COLORS, fraction, line_style, track_color
-from catfree.viz._plan_view import camera_wedge, confidence_ellipse, place_labels, view_area
+from catfree.viz._plan_view import camera_wedges, confidence_ellipse, place_labels, view_area
 from catfree.viz.plots._axes import plain_label
 from catfree.viz.plots._threshold_plot import gate_samples
 
@@ -52,7 +52,7 @@ def test_ground_coordinates_return(world):
 def test_wedges_follow_the_field_of_view(world):
     scene, rig = world.true_scene, world.true_rig
     for camera in range(4):
-        wedge = camera_wedge(scene, camera)
+        wedge = camera_wedges(scene)[camera]
         np.testing.assert_allclose(wedge[0], rig.centers[camera, :2], atol=1e-5)
         width, height = rig.image_size[camera]
         for edge, column in ((1, -0.5), (2, width - 0.5)):
