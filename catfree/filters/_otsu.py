@@ -39,7 +39,7 @@ class _Split(NamedTuple):
 
 def _sorted_sample(
     values: Float[Array, " n"], member: Bool[Array, " n"]
-) -> tuple[Float[Array, " n"], Int[Array, ""]]:
+) -> tuple[Float[Array, " sorted"], Int[Array, ""]]:
     """The members in ascending order followed by +inf, two or more in all, and their number."""
     ordered = jnp.sort(jnp.where(member, values, jnp.inf))
     lacking = max(2 - len(ordered), 0)
