@@ -61,9 +61,9 @@ def _best_split(
     member = jnp.arange(size) < count
     total = jnp.maximum(count, 1).astype(statistic.dtype)
     # Centered and scaled to 1, sums of many float32 values stay accurate and cannot overflow; the
-    # difference of two large values could.
+    # difference of two large values could, and the inverse of the largest is 0.
     is_large = jnp.any(member & (jnp.abs(statistic) > 1))
-    statistic = jnp.where(is_large, statistic / 2, statistic)
+    statistic = jnp.where(is_large, statistic / 16, statistic)
     middle = statistic[jnp.maximum(count - 1, 0) // 2]
     centered = jnp.where(member, statistic - jnp.where(member, middle, statistic), 0)
     scale = jnp.max(jnp.abs(centered))
