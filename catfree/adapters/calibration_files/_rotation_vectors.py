@@ -1,5 +1,6 @@
 """Conversion of the rotation vectors that calibration files hold."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ def rotation_from_vector(value: Any, source: StrPath, where: str) -> np.ndarray:
         InvalidInputError: if it turns by more than a full turn, as angles in degrees do.
     """
     vector = numbers(value, (3,), source, where)
-    if np.linalg.norm(vector) > 2 * np.pi:
+    if math.hypot(*vector) > 2 * math.pi:  # without overflow
         raise InvalidInputError(
             f"{source}: {where} is {vector.tolist()}, more than a full turn. A rotation vector is "
             "in radians; convert it from degrees."
