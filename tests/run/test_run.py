@@ -328,7 +328,7 @@ def test_damaged_footage_is_kept_up_to_the_damage(tmp_path):
 def test_wrong_input_is_one_sentence(pictures, tmp_path):
     world = small_world()
     detector = ReadsItsPicture(world.detections)
-    with pytest.raises(InvalidInputError, match="3 cameras, but there are 2 videos"):
+    with pytest.raises(InvalidInputError, match="There are 2 videos for 3 cameras"):
         run(pictures[:2], detector, scene=world.scene)
     rig = world.scene.rig
     other = type(rig)(rig.K, rig.R, rig.t, (640, 360))
