@@ -44,8 +44,6 @@ class CalibrationSettings(CheckedSettings):
         voting_radius: pairs farther apart than this do not vote.
         chance_weight: share of the chance votes (sequence shifted by half its length) subtracted.
         detection_rates: bounds on the probability that a person who should be seen has a box.
-        range_tolerance: relative range error of an unrefined map.
-        fine_range_tolerance: the same after bundle adjustment.
         match_gate: largest squared Mahalanobis distance of a match (99 % of a chi-square with 2
             degrees of freedom).
         seed_pairs: number of pairs refined as seeds.
@@ -123,8 +121,6 @@ class CalibrationSettings(CheckedSettings):
     voting_radius: float = 60.0
     chance_weight: float = 0.7
     detection_rates: tuple[float, float] = (0.3, 0.9)
-    range_tolerance: float = 0.08
-    fine_range_tolerance: float = 0.01
     match_gate: float = 9.21
     seed_pairs: int = 6
     shared_focal_spread: float = 0.10

@@ -13,6 +13,7 @@ import numpy as np
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people._register import Calibration, prepare, scene_of
 from catfree.calibration.people.cameras._camera_model import of_rig
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.cameras._rig_deviation import shape_deviation
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._verdict import (
@@ -59,7 +60,7 @@ def reconsider(
             current = judge_camera(work, state, camera, grid=work.scoring)
             if verdict.margin < current.margin + settings.minimum_margin:
                 continue
-        state = state.with_camera(camera, parameters, settings.fine_range_tolerance)
+        state = state.with_camera(camera, parameters, RANGE_ERRORS[-1])
         changed[camera] = verdict
     return _with_cameras(calibration, state, changed, anew=list(changed)) if changed else None
 
@@ -95,7 +96,7 @@ def places_for(
         One rig per position, possibly none.
     """
     work, state = _resume(calibration, detections, settings)
-    tolerance = settings.fine_range_tolerance
+    tolerance = RANGE_ERRORS[-1]
     return [
         _with_cameras(
             calibration,
@@ -206,7 +207,7 @@ def _resume(
 def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
     """Convert the cameras of a finished rig to a `RigState`."""
     rig = calibration.scene.rig
-    tolerance = np.full(rig.camera_count, settings.fine_range_tolerance)
+    tolerance = np.full(rig.camera_count, RANGE_ERRORS[-1])
     return RigState(of_rig(rig), tolerance, calibration.shared_focal)
 
 

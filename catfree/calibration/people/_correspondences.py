@@ -22,7 +22,7 @@ from catfree.calibration.people.adjustment._people_bundle import (
     weak_prior,
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig
-from catfree.calibration.people.cameras._ground_map import map_ground
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, map_ground
 from catfree.calibration.people.cameras._rig_deviation import (
     crowd_deviation,
     scale_variance,
@@ -222,7 +222,7 @@ def _start(
             np.minimum(sd[rows].mean(1), 0.2 * height)[None],
             np.ones((1, len(rows)), bool),
             settings,
-            range_tolerance=settings.fine_range_tolerance,
+            range_tolerance=RANGE_ERRORS[-1],
         )
         weight = ground_map.valid[0] / ground_map.covariance[0].trace(axis1=1, axis2=2)
         np.add.at(total, person[rows], weight[:, None] * ground_map.xy[0])

@@ -18,10 +18,6 @@ from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
-# Range errors of a camera's map of people, as shares of the range: of a single view first, of an
-# adjusted rig last.
-RANGE_ERRORS = (0.08, 0.05, 0.03, 0.02, 0.01)
-
 
 @dataclass(frozen=True)
 class AdjustedRig:

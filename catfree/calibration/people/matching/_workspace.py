@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people._radial_lens import RadialLenses
-from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_ground
 from catfree.calibration.people.cameras._single_view import fit_planes
 from catfree.settings import CalibrationSettings
 
@@ -67,5 +67,5 @@ class Workspace:
             parameters,
             *grid.of_camera(camera),
             self.settings,
-            range_tolerance=self.settings.range_tolerance,
+            range_tolerance=RANGE_ERRORS[0],
         )

@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
-from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig
+from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import vote
 from catfree.calibration.people.matching._workspace import Workspace

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig, alternate
+from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
 from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, Z
-from catfree.calibration.people.cameras._ground_map import GroundMap
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import Placement, turn, vote
 from catfree.calibration.people.matching._verdict import (

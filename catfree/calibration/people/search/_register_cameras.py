@@ -6,9 +6,10 @@ from itertools import combinations
 
 import numpy as np
 
-from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig, alternate
+from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
 from catfree.calibration.people.adjustment._people_bundle import saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig

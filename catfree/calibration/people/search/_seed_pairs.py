@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from catfree.calibration.people.cameras._ground_map import GroundMap
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, moved_map, vote
@@ -52,7 +52,7 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         count = work.grid.camera_count
         parameters = np.full((count, 7), np.nan)
         parameters[[one, two]] = p, q
-        return RigState(parameters, np.full(count, settings.range_tolerance), shared_focal=False)
+        return RigState(parameters, np.full(count, RANGE_ERRORS[0]), shared_focal=False)
 
     for share in settings.focal_shares:
         targets, sources = (
