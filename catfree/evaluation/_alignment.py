@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.errors import InsufficientDataError, InvalidInputError
-from catfree.evaluation._detection_metrics import GATE_TOLERANCE
 from catfree.evaluation._position_matching import matched_rows
 from catfree.evaluation._rows import Number, read_sequence
 from catfree.geometry import Similarity, fit_similarity
@@ -233,7 +232,7 @@ def align_positions(
     """
     gate = as_positive(threshold, "threshold")
     sequence = read_sequence(ground_truth, predictions)
-    truth, predicted = matched_rows(sequence, gate + GATE_TOLERANCE)
+    truth, predicted = matched_rows(sequence, gate)
     if len(truth) < 2:
         raise InsufficientDataError(
             f"Cannot align positions: {len(truth)} predictions within {gate} m of the ground "

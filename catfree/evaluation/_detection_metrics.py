@@ -9,14 +9,10 @@ from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError, quoted
 from catfree.evaluation._pooling import pool
-from catfree.evaluation._position_matching import match
+from catfree.evaluation._position_matching import GATE_TOLERANCE, match_within
 from catfree.evaluation._rows import Frames, Number, Sequence, read_sequence
 from catfree.geometry._arrays import ArrayInput
 from catfree.types._validation import as_positive
-
-# Positions of the public data sets lie on grids of 2.5 cm, so distances of exactly 0.5 m are
-# common; the tolerance keeps them inside the gate after the conversion from cells to meters.
-GATE_TOLERANCE = 1e-9
 
 
 class DetectionRates(NamedTuple):
@@ -180,8 +176,7 @@ def detection_metrics(
     strict = compat == "mvdet_python"
     tp, fp, fn, distance_sum = [], [], [], []
     for truth, predicted in sequence:
-        distances = sequence.distances(truth, predicted)
-        distance = match(distances, distances <= gate + GATE_TOLERANCE).distance
+        distance = match_within(sequence.distances(truth, predicted), gate).distance
         if strict:
             distance = distance[distance < gate - GATE_TOLERANCE]
         tp.append(len(distance))

@@ -8,6 +8,10 @@ from scipy.optimize import linear_sum_assignment
 
 from catfree.evaluation._rows import Sequence
 
+# Positions of the public data sets lie on grids of 2.5 cm, so distances of exactly 0.5 m are
+# common; the tolerance keeps them inside the gate after the conversion from cells to meters.
+GATE_TOLERANCE = 1e-9
+
 
 class Matching(NamedTuple):
     """Matched pairs of one frame.
@@ -43,6 +47,11 @@ def match(distance: Float[np.ndarray, "g p"], admissible: Bool[np.ndarray, "g p"
     return Matching(truth, predicted, distance[truth, predicted])
 
 
+def match_within(distance: Float[np.ndarray, "g p"], gate: float) -> Matching:
+    """Match true points to predictions at most `gate` meters away; see `match`."""
+    return match(distance, distance <= gate + GATE_TOLERANCE)
+
+
 def matched_rows(
     sequence: Sequence, gate: float
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
@@ -58,8 +67,7 @@ def matched_rows(
     truths = [np.zeros(0, dtype=np.int64)]
     predictions = [np.zeros(0, dtype=np.int64)]
     for truth, predicted in sequence:
-        distances = sequence.distances(truth, predicted)
-        pairs = match(distances, distances <= gate)
+        pairs = match_within(sequence.distances(truth, predicted), gate)
         truths.append(truth[pairs.truth])
         predictions.append(predicted[pairs.predicted])
     return np.concatenate(truths), np.concatenate(predictions)

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.errors import InvalidInputError
-from catfree.evaluation._detection_metrics import GATE_TOLERANCE
 from catfree.evaluation._position_matching import matched_rows
 from catfree.evaluation._rows import Frames, Number, as_rows, read_sequence
 from catfree.geometry._arrays import ArrayInput
@@ -32,7 +31,7 @@ def matched_predictions(
     gate = as_positive(threshold, "threshold")
     sequence = read_sequence(ground_truth, predictions)
     correct = np.zeros(len(sequence.predicted), dtype=bool)
-    correct[matched_rows(sequence, gate + GATE_TOLERANCE)[1]] = True
+    correct[matched_rows(sequence, gate)[1]] = True
     return correct
 
 
@@ -123,7 +122,7 @@ def ellipse_coverage(
     covariances = covariances.reshape(n, 2, 2)
     _require_positive_definite(covariances)
     covariances = covariances[np.isin(rows[:, 0], sequence.frames)]
-    truth, predicted = matched_rows(sequence, gate + GATE_TOLERANCE)
+    truth, predicted = matched_rows(sequence, gate)
     error = sequence.truth[truth, 2:] - sequence.predicted[predicted, 2:]
     solved = np.linalg.solve(covariances[predicted], error[:, :, None])[:, :, 0]
     return EllipseCoverage(level=level, squared_mahalanobis=(error * solved).sum(axis=1))
