@@ -113,7 +113,6 @@ class ChanceDensity:
 
 LEAST_DENSITY = 0.002  # boxes per square meter and frame: one somewhere in 500 square meters
 CELL = 0.5
-LARGEST_MAP = 80.0
 
 
 def chance_density(people: GroundMap) -> ChanceDensity:
@@ -124,8 +123,6 @@ def chance_density(people: GroundMap) -> ChanceDensity:
     xy = people.xy[people.valid]
     if not len(xy):
         return ChanceDensity(np.zeros((1, 1)), np.zeros(2))
-    middle = np.median(xy, axis=0)
-    xy = xy[(np.abs(xy - middle) < LARGEST_MAP).all(-1)]
     origin = xy.min(0) - 4
     shape = np.ceil((xy.max(0) + 4 - origin) / CELL).astype(int) + 1
     index = np.floor((xy - origin) / CELL).astype(int)

@@ -14,6 +14,7 @@ from catfree.calibration.people.cameras._camera_model import PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.settings import CalibrationSettings
 
+NEAR_BINS = 2.5  # of the vote; nearer placements are one
 VOTES_AT_A_TIME = 2**16  # fit a cache
 NEAREST_PEOPLE = 24  # people per frame that vote: those with the most precise positions
 
@@ -38,6 +39,12 @@ class Placement:
         placed[PAN] += self.angle
         placed[X:Z] = turn(parameters[X:Z], self.angle) + self.translation
         return placed
+
+    def is_near(self, other: "Placement", settings: CalibrationSettings) -> bool:
+        """Return whether the bins of two placements touch, so that refining makes them one."""
+        apart = np.linalg.norm(self.translation - other.translation) / settings.voting_cell
+        turned = np.cos(self.angle - other.angle)
+        return bool(apart <= NEAR_BINS and turned >= np.cos(NEAR_BINS * settings.voting_angle))
 
 
 def turn(xy: Float[np.ndarray, "*n 2"], angle: float) -> Float[np.ndarray, "*n 2"]:
@@ -92,13 +99,9 @@ def vote(
         # A blurred bin sums itself and the next one, so its center is its upper edge.
         angle = (angle_bin + 0.5) * 2 * np.pi / bins
         place = np.array([x_bin + 1.0, y_bin + 1.0]) * settings.voting_cell - radius
-        is_distinct = all(
-            np.linalg.norm(place - other.translation) > 2.5 * settings.voting_cell
-            or np.cos(angle - other.angle) < np.cos(2.5 * settings.voting_angle)
-            for other in placements
-        )
-        if is_distinct:
-            placements.append(Placement(angle, place, float(score.flat[index])))
+        placement = Placement(angle, place, float(score.flat[index]))
+        if not any(placement.is_near(other, settings) for other in placements):
+            placements.append(placement)
             if len(placements) == count:
                 break
     return placements

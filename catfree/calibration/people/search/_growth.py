@@ -24,7 +24,6 @@ from catfree.calibration.people.search._seed_pairs import PairHypothesis
 
 CANDIDATES = 4  # placements refined per camera
 FROM_VOTES, FROM_PAIRS = 12, 3  # likeliest placements from which these are chosen
-SAME_PLACE, SAME_PAN = 1.2, 0.1  # meters and radians; nearer placements are one
 OTHER_FOCAL = 0.22  # of log focal length: lenses a quarter longer and shorter are tried, too
 SHARED_FOCAL_SD = 0.02  # of log focal length, where the rig has determined that of all cameras
 NEXT = 0.3  # of the largest margin; cameras above it join the rig together
@@ -228,11 +227,8 @@ def _candidates(
     composed = [_compose(state, pair, camera) for pair in edges[:FROM_PAIRS]]
     kept: list[np.ndarray] = []
     for start in composed[:1] + starts + composed[1:]:
-        if not any(
-            np.linalg.norm(start[X:Z] - other[X:Z]) < SAME_PLACE
-            and np.cos(start[PAN] - other[PAN]) > np.cos(SAME_PAN)
-            for other in kept
-        ):
+        place = Placement(start[PAN], start[X:Z], 0.0)
+        if not any(place.is_near(Placement(o[PAN], o[X:Z], 0.0), settings) for o in kept):
             kept.append(start)
     return kept[:CANDIDATES]
 
