@@ -183,9 +183,8 @@ def detect_again(
 
     keys = (content_hash(detections), content_hash(scene))
     if cache is not None:
-        parts = {"detector": cameras.detector, "embedder": embedder}
-        names = (fingerprint_of(part, role) for role, part in parts.items() if part is not None)
-        keys = (videos.fingerprint, *names, *keys)
+        finder = fingerprint_of(cameras.detector, "detector")
+        keys = (videos.fingerprint, finder, fingerprint_of(embedder, "embedder"), *keys)
     return _cached(cache, "second-look", Detections, look, keys, settings)
 
 
