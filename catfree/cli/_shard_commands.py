@@ -85,11 +85,13 @@ def plan(
     # Beside the other working files, which readers of Parquet folders leave out.
     path = out / PLAN
     make_folder(path.parent)
+    # All paths from the root: the processes of the shards may start in another folder.
     files = {
-        role: "" if path is None else _absolute(network_file(path))
+        role: "" if path is None else os.path.abspath(network_file(path))
         for role, path in networks.items()
     }
-    document = PlanFile(parts, _absolute(scene), _absolute(out), method, unit=unit, **files)
+    places = (os.path.abspath(scene), os.path.abspath(out))
+    document = PlanFile(parts, *places, method, unit=unit, **files)
     write_plan(path, document)
     print_text(
         f"{path} has {len(parts)} shards. Run each with `catfree shard --plan {path} --index "
@@ -180,11 +182,6 @@ def run_sites(
 
 def _holds_boxes(path: Path) -> bool:
     return path.suffix in BOXES or (path.is_dir() and any(path.rglob("*.parquet")))
-
-
-def _absolute(path: Path) -> str:
-    """The path from the root: other processes may start in another folder."""
-    return os.path.abspath(path)
 
 
 def _scene_for(

@@ -52,9 +52,9 @@ def _get(names: tuple[str, ...]) -> None:
 
 
 def _list() -> None:
-    from catfree._run._report import Table
     from catfree.adapters.weights import WEIGHTS
     from catfree.adapters.weights._fetch_weights import is_fetched, weights_folder
+    from catfree.viz.page._blocks import Table
 
     rows = tuple(
         (w.name, w.description, w.license, f"{w.size / 1e6:.0f} MB", ["no", "yes"][is_fetched(w)])
