@@ -407,7 +407,7 @@ def calibrate(
         require_distinct_videos(source)
     if source.image_size is not None:  # before anything is written
         resolve_anchors(known_anchors, source.image_size, source.camera_names)
-    stages = StageCache(out / "cache" if cache is None else cache)
+    stages, settings = StageCache(out / "cache" if cache is None else cache), Settings()
     on_failure = _report_of_failure(out, blur=blur, pictures=pictures)
     with on_failure as unfinished, progress_bars() as progress:
         if of_boxes:
@@ -422,14 +422,13 @@ def calibrate(
             source,
             finder,
             boxes,
+            settings,
             maximum_offset=max_offset,
             anchors=known_anchors,
             cache=stages,
             progress=progress,
         )
-        warnings = unfinished.warnings + calibration_warnings(
-            calibration, boxes, source, Settings()
-        )
+        warnings = unfinished.warnings + calibration_warnings(calibration, boxes, source, settings)
     if not of_boxes and source.interruption is not None:
         fail(f"Used only the footage before the damage: {source.interruption}")
     write_rig(out, calibration.scene, source.camera_names)
