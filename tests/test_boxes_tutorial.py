@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from catfree.cli._commands import main
+from catfree.cli import main
 
 PAGE = Path(__file__).parents[1] / "docs" / "boxes_to_scores.md"
 

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,10 +60,7 @@ def write_failure(
         return []
     root = Path(folder)
     numbers = numbers_of_files(videos.frames)
-    files = write_boxes(root / "boxes", detections, videos.camera_names, numbers)
-    files.append(root / "detections.npz")
-    stored = detections if embeddings else replace(detections, embedding=None)
-    stored.save(files[-1])
+    files = write_boxes(root, detections, videos.camera_names, numbers, embeddings=embeddings)
     shown: list[Block] = []
     if pictures:
         sheet = root / "pictures" / "boxes.jpg"
@@ -73,7 +69,9 @@ def write_failure(
         files.append(sheet)
         shown.append(Picture("pictures/boxes.jpg", "the instant with the most boxes"))
     remove_pictures(root, files)
-    leftover = [path.relative_to(root).as_posix() for path in earlier_results(root, files)]
+    leftover = [
+        path.relative_to(root).as_posix() for path in earlier_results(root) if path not in files
+    ]
     earlier = (
         f"Not of this run, but left from an earlier one in this folder: {', '.join(leftover)}."
     )

@@ -116,7 +116,7 @@ def write_results(
         make_folder(root)
         for part in FOLDERS:
             remove_abandoned(root / part)
-        earlier = [*(root / name for name in SOMETIMES), *_earlier_boxes(root)]
+        earlier = earlier_results(root)
         files = _write_tables(root, outcome, settings, embeddings=embeddings) + write_rig(
             root, scene, outcome.camera_names
         )
@@ -177,11 +177,11 @@ def remove_unless_written(earlier: Sequence[Path], written: Sequence[Path]) -> N
             path.unlink()
 
 
-def earlier_results(root: Path, written: Sequence[Path]) -> list[Path]:
-    """List tracks, cameras and boxes of an earlier run that are not among the `written` files."""
+def earlier_results(root: Path) -> list[Path]:
+    """List the tracks, cameras and boxes that an earlier run left in a result folder."""
     names = (TABLE_FILE, MOT_FILE, LOCALIZATION_FILE, SCENE_FILE, *SOMETIMES)
     earlier = [*(root / name for name in names), *_earlier_boxes(root)]
-    return [path for path in earlier if path not in written and path.is_file()]
+    return [path for path in earlier if path.is_file()]
 
 
 def _earlier_boxes(root: Path) -> list[Path]:
@@ -453,20 +453,14 @@ def _write_tables(
         files.append(write_geojson(root / "tracks.geojson", tracks, scene))
     outcome.localization.require_detections(outcome.detections)
     files += write_boxes(
-        root / "boxes",
+        root,
         outcome.detections,
         outcome.camera_names,
         numbers,
         outcome.localization.identity,
+        embeddings=embeddings,
     )
-    detections = outcome.detections
-    detections = detections if embeddings else dataclasses.replace(detections, embedding=None)
-    detections.save(root / "detections.npz")
-    return [
-        *files,
-        root / "detections.npz",
-        save_value(root / LOCALIZATION_FILE, outcome.localization),
-    ]
+    return [*files, save_value(root / LOCALIZATION_FILE, outcome.localization)]
 
 
 def numbers_of_files(frames: Int[np.ndarray, " t"], *, from_one: bool = False) -> range:
@@ -486,28 +480,33 @@ def numbers_of_files(frames: Int[np.ndarray, " t"], *, from_one: bool = False) -
 
 
 def write_boxes(
-    folder: str | os.PathLike[str],
+    root: Path,
     detections: Detections,
     camera_names: Sequence[str],
     frames: range,
     identity: Int[np.ndarray, " n"] | None = None,
+    *,
+    embeddings: bool,
 ) -> list[Path]:
-    """Write the boxes of each camera as `CAMERA.txt` in MOTChallenge form.
+    """Write the boxes as `detections.npz`, and each camera's as MOTChallenge `boxes/CAMERA.txt`.
 
     Args:
-        folder: created if it does not exist.
+        root: the result folder, created if it does not exist.
         detections: (N,) boxes of all cameras.
         camera_names: (C,) names.
         frames: all frame numbers; the first becomes 1.
         identity: (N,) track of each box or -1; None for no tracks.
+        embeddings: keep the boxes' appearance vectors in `detections.npz`.
 
     Returns:
         The files.
     """
-    root = make_folder(folder)
+    folder = make_folder(root / "boxes")
     files = []
     for camera, name in enumerate(file_names(camera_names)):
         rows = detections.camera == camera
         track_id = None if identity is None else identity[rows]
-        files.append(write_mot_boxes(root / f"{name}.txt", detections[rows], frames, track_id))
-    return files
+        files.append(write_mot_boxes(folder / f"{name}.txt", detections[rows], frames, track_id))
+    kept = detections if embeddings else dataclasses.replace(detections, embedding=None)
+    kept.save(root / "detections.npz")
+    return [*files, root / "detections.npz"]

@@ -41,7 +41,7 @@ def calibrate_cameras(
     videos: SynchronizedVideos | CameraBoxes,
     detector: Detector | FittedToCamera | None,
     detections: Detections,
-    settings: Settings | None = None,
+    settings: Settings,
     *,
     maximum_offset: int = 0,
     anchors: Sequence[Anchor] = (),
@@ -66,15 +66,14 @@ def calibrate_cameras(
     Raises:
         CalibrationError: if no rig can be found from the people.
     """
-    given = Settings() if settings is None else settings
-    rules, usual = given.calibration, CalibrationSettings.box_slack
+    rules, usual = settings.calibration, CalibrationSettings.box_slack
     if rules.box_slack == usual:
         rules = dataclasses.replace(rules, box_slack=getattr(detector, "box_slack", usual))
     # Other settings have no effect here, so changing them does not invalidate the cache.
     settings = Settings(
-        confidence=max(given.confidence, given.calibration_confidence),
-        calibration_confidence=given.calibration_confidence,
-        evidence=given.evidence,
+        confidence=max(settings.confidence, settings.calibration_confidence),
+        calibration_confidence=settings.calibration_confidence,
+        evidence=settings.evidence,
         calibration=rules,
     )
     size, names = videos.image_size, videos.camera_names
@@ -107,7 +106,7 @@ def calibrate_cameras(
             Calibration,
             step,
             (content_hash(detections), *names),
-            settings,
+            settings=dataclasses.asdict(settings),
             image_size=size.tolist(),
             maximum_offset=maximum_offset,
         )
@@ -183,10 +182,10 @@ def detect_again(
 
     keys = (content_hash(detections), content_hash(scene))
     if cache is not None:
-        parts = {"detector": cameras.detector, "embedder": embedder}
-        names = (fingerprint_of(part, role) for role, part in parts.items() if part is not None)
-        keys = (videos.fingerprint, *names, *keys)
-    return _cached(cache, "second-look", Detections, look, keys, settings)
+        finder = fingerprint_of(cameras.detector, "detector")
+        keys = (videos.fingerprint, finder, fingerprint_of(embedder, "embedder"), *keys)
+    options = dataclasses.asdict(settings)
+    return _cached(cache, "second-look", Detections, look, keys, settings=options)
 
 
 def everywhere(settings: Settings) -> Settings:
@@ -222,7 +221,7 @@ def localize_people(
         Localization,
         lambda: _localize(detections, scene, settings, silent, progress, camera_names),
         (content_hash(detections), content_hash(scene)),
-        settings,
+        settings=dataclasses.asdict(settings),
         silent=None if silent is None else hashlib.sha256(silent.tobytes()).hexdigest(),
         camera_names=None if camera_names is None else list(camera_names),
     )
@@ -250,12 +249,10 @@ def _cached(
     kind: type[T],
     compute: Callable[[], T],
     follows_from: tuple[str, ...],
-    settings: object = None,
     **parameters: object,
 ) -> T:
     """Return the result of a stage, from the cache if available."""
     if cache is None:
         return compute()
-    options = dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else settings  # type: ignore[arg-type]
-    key = hash_parameters(stage, code_hash(), *follows_from, settings=options, **parameters)
+    key = hash_parameters(stage, code_hash(), *follows_from, **parameters)
     return cache.result(stage, key, kind, compute)

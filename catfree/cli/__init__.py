@@ -1,3 +1,3 @@
 """The command line."""
 
-from catfree.cli._commands import main as main
+from catfree.cli._main import main as main

@@ -2,12 +2,12 @@
 
 import contextlib
 import importlib.util
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
+from tyro.conf import Positional
 
 import catfree
 from catfree.cli._inputs import (
@@ -25,82 +25,76 @@ PAPER = 90  # gray level of a camera without a picture
 NAMED = "It agrees with the others. See the warning that names it."
 
 
-def check_command(tyro: Any) -> Callable[..., None]:
-    """The sub-command, built here because its annotations need tyro."""
-    positional = tyro.conf.Positional
+def check(
+    boxes: Positional[tuple[Path, ...]],
+    scene: Path,
+    out: Path | None = None,
+    videos: tuple[Path, ...] = (),
+    unit: Unit = "m",
+    since: int | None = None,
+    image_size: tuple[int, int] | None = None,
+    frame_rate: float | None = None,
+    max_offset: int = 20,
+    cache: Path | None = None,
+    blur: bool = False,
+) -> None:
+    """Check whether cameras moved, are late or dead, from the boxes of people.
 
-    def check(
-        boxes: Annotated[tuple[Path, ...], positional],
-        scene: Path,
-        out: Path | None = None,
-        videos: tuple[Path, ...] = (),
-        unit: Unit = "m",
-        since: int | None = None,
-        image_size: tuple[int, int] | None = None,
-        frame_rate: float | None = None,
-        max_offset: int = 20,
-        cache: Path | None = None,
-        blur: bool = False,
-    ) -> None:
-        """Check whether cameras moved, are late or dead, from the boxes of people.
+    Args:
+        boxes: MOTChallenge or COCO files, one per camera; a folder of these; or one CSV,
+            Parquet, uniform JSON or .npz file with the boxes of all cameras.
+        scene: the cameras and ground to check, as for `localize`.
+        out: folder for a page with the verdicts; none is written if not given.
+        videos: video files or image folders, one per camera of the scene, in its order: the
+            page shows a grid of the ground on their last pictures. Without them it shows the
+            grid on the last boxes.
+        unit: length of one unit of a scene whose file does not state it.
+        since: frame number before which the cameras are known to fit.
+        image_size: width and height of the images in pixels, where boxes do not state them.
+        frame_rate: frames per second.
+        max_offset: largest clock offset to look for, in frames.
+        cache: folder for finished stages.
+        blur: make people unrecognizable in the pictures. Boxes must number frames as the videos
+            do, from 0 or from 1.
+    """
+    from catfree._run._run import run_boxes
+    from catfree.calibration.watching._check import require_since
+    from catfree.errors import InvalidInputError
 
-        Args:
-            boxes: MOTChallenge or COCO files, one per camera; a folder of these; or one CSV,
-                Parquet, uniform JSON or .npz file with the boxes of all cameras.
-            scene: the cameras and ground to check, as for `localize`.
-            out: folder for a page with the verdicts; none is written if not given.
-            videos: video files or image folders, one per camera of the scene, in its order: the
-                page shows a grid of the ground on their last pictures. Without them it shows the
-                grid on the last boxes.
-            unit: length of one unit of a scene whose file does not state it.
-            since: frame number before which the cameras are known to fit.
-            image_size: width and height of the images in pixels, where boxes do not state them.
-            frame_rate: frames per second.
-            max_offset: largest clock offset to look for, in frames.
-            cache: folder for finished stages.
-            blur: make people unrecognizable in the pictures. Boxes must number frames as the videos
-                do, from 0 or from 1.
-        """
-        from catfree._run._run import run_boxes
-        from catfree.calibration.watching._check import require_since
-        from catfree.errors import InvalidInputError
-
-        require_offset(max_offset)
-        if out is None and (videos or blur):
-            raise InvalidInputError(
-                "--videos and --blur are for the page, which is written only with --out. Give it, "
-                "or leave them out."
-            )
-        camera_boxes = open_boxes(boxes, frame_rate, image_size)
-        require_since(since, camera_boxes.detections)  # told before the long work
-        known_scene, names = open_scene(scene, unit, image_size)
-        footage = open_videos(videos) if videos else None
-        if footage is not None:
-            footage.require_cameras(known_scene.rig.camera_count)
-        folder = contextlib.nullcontext() if out is None else folder_of_results(out)
-        with folder, progress_bars() as progress:
-            outcome = run_boxes(
-                camera_boxes, known_scene, cache_dir=cache, progress=progress, scene_names=names
-            )
-            result = catfree.check(
-                outcome.scene,
-                outcome.detections,
-                since=since,
-                maximum_offset=max_offset,
-                localization=outcome.localization,
-                camera_names=outcome.camera_names,
-                progress=progress,
-            )
-        result = refer_to_warnings(result, outcome)
-        warn(outcome.warnings)
-        print_table(check_table(result, outcome.camera_names))
-        for name, camera in zip(outcome.camera_names, result.cameras, strict=True):
-            print_text(f"{name}: {camera.advice}")
-        if out is not None:
-            page = write_check_page(out, result, outcome, footage, blur=blur)
-            print_text(f"The page is {page}.")
-
-    return check
+    require_offset(max_offset)
+    if out is None and (videos or blur):
+        raise InvalidInputError(
+            "--videos and --blur are for the page, which is written only with --out. Give it, "
+            "or leave them out."
+        )
+    camera_boxes = open_boxes(boxes, frame_rate, image_size)
+    require_since(since, camera_boxes.detections)  # told before the long work
+    known_scene, names = open_scene(scene, unit, image_size)
+    footage = open_videos(videos) if videos else None
+    if footage is not None:
+        footage.require_cameras(known_scene.rig.camera_count)
+    folder = contextlib.nullcontext() if out is None else folder_of_results(out)
+    with folder, progress_bars() as progress:
+        outcome = run_boxes(
+            camera_boxes, known_scene, cache_dir=cache, progress=progress, scene_names=names
+        )
+        result = catfree.check(
+            outcome.scene,
+            outcome.detections,
+            since=since,
+            maximum_offset=max_offset,
+            localization=outcome.localization,
+            camera_names=outcome.camera_names,
+            progress=progress,
+        )
+    result = refer_to_warnings(result, outcome)
+    warn(outcome.warnings)
+    print_table(check_table(result, outcome.camera_names))
+    for name, camera in zip(outcome.camera_names, result.cameras, strict=True):
+        print_text(f"{name}: {camera.advice}")
+    if out is not None:
+        page = write_check_page(out, result, outcome, footage, blur=blur)
+        print_text(f"The page is {page}.")
 
 
 def refer_to_warnings(result: Any, outcome: Any) -> Any:

@@ -1,15 +1,14 @@
 """The commands of the command line."""
 
 import contextlib
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from tyro.conf import Positional
 
-import catfree
-from catfree.cli._check_command import check_command
+from catfree.cli._check_command import check
 from catfree.cli._inputs import (
     Method,
     Unit,
@@ -27,19 +26,17 @@ from catfree.cli._inputs import (
     require_offset,
     settings_of,
 )
-from catfree.cli._shard_commands import shard_commands
+from catfree.cli._shard_commands import join, plan, run_sites, shard
 from catfree.cli._terminal import (
-    INTERRUPTED,
     fail,
     print_result,
     print_table,
     print_text,
     progress_bars,
-    require_tyro,
     warn,
 )
-from catfree.cli._watch_command import watch_command
-from catfree.cli._weights_commands import weights_commands
+from catfree.cli._watch_command import watch
+from catfree.cli._weights_commands import weights
 from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
 
 NO_TRUTH = (
@@ -61,39 +58,6 @@ STRIDED = (
     "are evenly spaced among those of the truth: whoever is in the others counts as missed. If the "
     "run had a --stride, give --frames tracks."
 )
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: the arguments after `catfree`; None for those of the process. `--version` alone
-            prints the version.
-
-    Returns:
-        The exit code: 0, or 1 after an error, which is one sentence on standard error. Invalid
-        arguments exit with 2.
-    """
-    if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
-        print_text(f"catfree {catfree.__version__}")
-        return 0
-    try:
-        tyro = require_tyro()
-        code = tyro.extras.subcommand_cli_from_dict(
-            _commands(tyro) | shard_commands(tyro) | watch_command() | weights_commands(tyro),
-            prog="catfree",
-            description="Track people on the ground from videos of static cameras. "
-            "`--version` prints the version.",
-            args=arguments,
-        )
-    except CatFreeError as error:
-        return fail(str(error))
-    except OSError as error:
-        return fail(f"{error.filename or 'A file'}: {error.strerror or error}.")
-    except KeyboardInterrupt:
-        fail("Interrupted. Run the command again to resume from the finished stages.")
-        return INTERRUPTED
-    return code or 0
 
 
 @contextlib.contextmanager
@@ -153,490 +117,495 @@ def _are_strided(tracked: np.ndarray, truth_frames: np.ndarray, even: np.ndarray
     return bool(2 * len(tracked) > even.sum() and within.sum() >= 2 * even.sum() - 1)
 
 
-def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
-    """Sub-commands by name, built here because their annotations need tyro."""
-    positional = tyro.conf.Positional
+def run(
+    videos: Positional[tuple[Path, ...]],
+    out: Path = Path("catfree_results"),
+    detector: Path | None = None,
+    embedder: Path | None = None,
+    reconstructor: Path | None = None,
+    scene: Path | None = None,
+    unit: Unit = "m",
+    method: Method = "default",
+    cache: Path | None = None,
+    stride: int = 1,
+    start: int | None = None,
+    end: int | None = None,
+    offsets: tuple[int, ...] | None = None,
+    frame_rate: float | None = None,
+    keep_before_damage: bool = False,
+    max_offset: int = 0,
+    anchors: Path | None = None,
+    pictures: bool = True,
+    overlay: bool = False,
+    blur: bool = False,
+    embeddings: bool = False,
+    workers: int | None = None,
+) -> None:
+    """Track the people in the videos of several static cameras.
 
-    def run(
-        videos: Annotated[tuple[Path, ...], positional],
-        out: Path = Path("catfree_results"),
-        detector: Path | None = None,
-        embedder: Path | None = None,
-        reconstructor: Path | None = None,
-        scene: Path | None = None,
-        unit: Unit = "m",
-        method: Method = "default",
-        cache: Path | None = None,
-        stride: int = 1,
-        start: int | None = None,
-        end: int | None = None,
-        offsets: tuple[int, ...] | None = None,
-        frame_rate: float | None = None,
-        keep_before_damage: bool = False,
-        max_offset: int = 0,
-        anchors: Path | None = None,
-        pictures: bool = True,
-        overlay: bool = False,
-        blur: bool = False,
-        embeddings: bool = False,
-        workers: int | None = None,
-    ) -> None:
-        """Track the people in the videos of several static cameras.
+    Args:
+        videos: one video file or image folder per camera.
+        out: folder for the results.
+        detector: ONNX file of a person detector (YOLO11-pose, YOLOv8-pose or YOLOX), or a name
+            of `catfree weights list`; without it people are found by background subtraction.
+        embedder: ONNX file of a re-identification network, or a name of that list.
+        reconstructor: ONNX file of VGGT, which finds the cameras from the images.
+        scene: known cameras and ground: scene.json, a COLMAP model, anipose TOML, a folder of
+            OpenCV files, ...; without it and without a reconstructor they are found from the
+            people.
+        unit: length of one unit of a scene whose file does not state it.
+        method: the localization method.
+        cache: folder for finished stages; `cache` in the results folder if not given.
+        stride: use every stride-th frame.
+        start: first frame.
+        end: frame to stop before.
+        offsets: the frame of each camera that shows the first common instant.
+        frame_rate: frames per second to use; the lowest of the cameras if not given.
+        keep_before_damage: use the footage before a frame that cannot be decoded.
+        max_offset: largest clock offset of a single camera, in frames, to search and correct
+            when the cameras are found from people.
+        anchors: JSON file of known lengths, cameras and points, when the cameras are found from
+            people.
+        pictures: draw plots, and write pictures of the cameras for the report.
+        overlay: write a video of all cameras with the tracks drawn in.
+        blur: make people unrecognizable in pictures and overlay.
+        embeddings: write the appearance vectors, which recognize people, to detections.npz.
+        workers: processes that find people by background subtraction; one per processor if not
+            given.
+    """
+    require_files(
+        videos,
+        detector=detector,
+        embedder=embedder,
+        reconstructor=reconstructor,
+        scene=scene,
+    )
+    require_offset(max_offset)
+    from catfree._run._report import footage_table
+    from catfree._run._result_folder import write_overlay, write_results
+    from catfree._run._run import run_stages
+    from catfree.types._processes import processor_count
 
-        Args:
-            videos: one video file or image folder per camera.
-            out: folder for the results.
-            detector: ONNX file of a person detector (YOLO11-pose, YOLOv8-pose or YOLOX), or a name
-                of `catfree weights list`; without it people are found by background subtraction.
-            embedder: ONNX file of a re-identification network, or a name of that list.
-            reconstructor: ONNX file of VGGT, which finds the cameras from the images.
-            scene: known cameras and ground: scene.json, a COLMAP model, anipose TOML, a folder of
-                OpenCV files, ...; without it and without a reconstructor they are found from the
-                people.
-            unit: length of one unit of a scene whose file does not state it.
-            method: the localization method.
-            cache: folder for finished stages; `cache` in the results folder if not given.
-            stride: use every stride-th frame.
-            start: first frame.
-            end: frame to stop before.
-            offsets: the frame of each camera that shows the first common instant.
-            frame_rate: frames per second to use; the lowest of the cameras if not given.
-            keep_before_damage: use the footage before a frame that cannot be decoded.
-            max_offset: largest clock offset of a single camera, in frames, to search and correct
-                when the cameras are found from people.
-            anchors: JSON file of known lengths, cameras and points, when the cameras are found from
-                people.
-            pictures: draw plots, and write pictures of the cameras for the report.
-            overlay: write a video of all cameras with the tracks drawn in.
-            blur: make people unrecognizable in pictures and overlay.
-            embeddings: write the appearance vectors, which recognize people, to detections.npz.
-            workers: processes that find people by background subtraction; one per processor if not
-                given.
-        """
-        require_files(
-            videos,
-            detector=detector,
-            embedder=embedder,
-            reconstructor=reconstructor,
-            scene=scene,
-        )
-        require_offset(max_offset)
-        from catfree._run._report import footage_table
-        from catfree._run._result_folder import write_overlay, write_results
-        from catfree._run._run import run_stages
-        from catfree.types._processes import processor_count
-
-        settings, known_anchors = settings_of(method), open_anchors(anchors)
-        footage = open_videos(
-            videos,
-            stride=stride,
-            start=start,
-            end=end,
-            offsets=offsets,
-            frame_rate=frame_rate,
-            on_error="keep" if keep_before_damage else "raise",
-        )
-        known_scene, names = open_scene(scene, unit)
-        networks = open_detector(detector), open_embedder(embedder)
-        finder = open_reconstructor(reconstructor)
-        print_table(footage_table(footage), aside=True)
-        on_failure = _report_of_failure(out, embeddings=embeddings, blur=blur, pictures=pictures)
-        with on_failure as unfinished, progress_bars() as progress:
-            outcome = run_stages(
-                footage,
-                *networks,
-                finder,
-                known_scene,
-                settings,
-                cache_dir=out / "cache" if cache is None else cache,
-                progress=progress,
-                scene_names=names,
-                maximum_offset=max_offset,
-                anchors=known_anchors,
-                workers=processor_count() if workers is None else workers,
-                unfinished=unfinished,
-            )
-        footage = outcome.videos or footage
-        drawn = None if pictures else False
-        write_results(
-            out,
-            outcome,
+    settings, known_anchors = settings_of(method), open_anchors(anchors)
+    footage = open_videos(
+        videos,
+        stride=stride,
+        start=start,
+        end=end,
+        offsets=offsets,
+        frame_rate=frame_rate,
+        on_error="keep" if keep_before_damage else "raise",
+    )
+    known_scene, names = open_scene(scene, unit)
+    networks = open_detector(detector), open_embedder(embedder)
+    finder = open_reconstructor(reconstructor)
+    print_table(footage_table(footage), aside=True)
+    on_failure = _report_of_failure(out, embeddings=embeddings, blur=blur, pictures=pictures)
+    with on_failure as unfinished, progress_bars() as progress:
+        outcome = run_stages(
+            footage,
+            *networks,
+            finder,
+            known_scene,
             settings,
-            videos=footage,
-            pictures=drawn,
-            embeddings=embeddings,
-            blur=blur,
-            overlay=overlay,
+            cache_dir=out / "cache" if cache is None else cache,
+            progress=progress,
+            scene_names=names,
+            maximum_offset=max_offset,
+            anchors=known_anchors,
+            workers=processor_count() if workers is None else workers,
+            unfinished=unfinished,
         )
-        if overlay:
-            with progress_bars() as progress:
-                write_overlay(out, footage, outcome, progress, blur=blur)
-        warn(outcome.warnings)
-        print_result(outcome, out)
-
-    def localize(
-        boxes: Annotated[tuple[Path, ...], positional],
-        out: Path = Path("catfree_results"),
-        scene: Path | None = None,
-        unit: Unit = "m",
-        method: Method = "default",
-        image_size: tuple[int, int] | None = None,
-        frame_rate: float | None = None,
-        silent: Path | None = None,
-        cache: Path | None = None,
-        max_offset: int = 0,
-        anchors: Path | None = None,
-        pictures: bool = True,
-    ) -> None:
-        """Track the people whose boxes in several static cameras are given.
-
-        Args:
-            boxes: MOTChallenge or COCO files, one per camera; a folder of these; or one CSV,
-                Parquet, uniform JSON or .npz file with the boxes of all cameras.
-            out: folder for the results.
-            scene: known cameras and ground: scene.json, a COLMAP model, anipose TOML, a folder of
-                OpenCV files, ...; without it they are found from the people.
-            unit: length of one unit of a scene whose file does not state it.
-            method: the localization method.
-            image_size: width and height of the images in pixels, where neither boxes nor scene
-                state them.
-            frame_rate: frames per second, for times and velocities in the results.
-            silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-                not exist; nothing is concluded from them.
-            cache: folder for finished stages; `cache` in the results folder if not given.
-            max_offset: largest clock offset of a single camera, in frames, to search and correct
-                when the cameras are found from people.
-            anchors: JSON file of known lengths, cameras and points, when the cameras are found from
-                people.
-            pictures: draw plots.
-        """
-        from catfree._run._result_folder import write_results
-        from catfree._run._run import run_boxes
-
-        require_offset(max_offset)
-        settings, known_anchors = settings_of(method), open_anchors(anchors)
-        camera_boxes = open_boxes(boxes, frame_rate, image_size, silent)
-        known_scene, names = open_scene(scene, unit, image_size)
-        print_table(_box_table(camera_boxes), aside=True)
-        with folder_of_results(out), progress_bars() as progress:
-            outcome = run_boxes(
-                camera_boxes,
-                known_scene,
-                settings,
-                cache_dir=out / "cache" if cache is None else cache,
-                progress=progress,
-                scene_names=names,
-                maximum_offset=max_offset,
-                anchors=known_anchors,
-            )
-        write_results(out, outcome, settings, pictures=None if pictures else False)
-        warn(outcome.warnings)
-        print_result(outcome, out)
-
-    def demo(
-        out: Path = Path("catfree_demo"),
-        seed: int = 0,
-        cameras: int = 6,
-        people: int = 14,
-        frames: int = 200,
-        size: tuple[int, int] = (1280, 720),
-        method: Method = "default",
-        workers: int | None = None,
-        pictures: bool = True,
-        blur: bool = False,
-    ) -> None:
-        """Render a synthetic world, track its people from the videos alone, and score the tracks.
-
-        Args:
-            out: folder for videos and results.
-            seed: of the random world.
-            cameras: cameras around the square.
-            people: people on the square at a time.
-            frames: number of frames, 5 per second.
-            size: width and height of the videos in pixels.
-            method: the localization method.
-            workers: processes that render and detect; one per processor if not given.
-            pictures: draw plots, and write pictures of the cameras for the report.
-            blur: make people unrecognizable in the pictures of the results.
-        """
-        from catfree.cli._demo import EASY, run_demo, score_table
-
+    footage = outcome.videos or footage
+    drawn = None if pictures else False
+    write_results(
+        out,
+        outcome,
+        settings,
+        videos=footage,
+        pictures=drawn,
+        embeddings=embeddings,
+        blur=blur,
+        overlay=overlay,
+    )
+    if overlay:
         with progress_bars() as progress:
-            result = run_demo(
-                out,
-                seed,
-                cameras=cameras,
-                people=people,
-                frames=frames,
-                image_size=size,
-                settings=None if method == "default" else settings_of(method),
-                workers=workers,
-                pictures=None if pictures else False,
-                blur=blur,
-                progress=progress,
-            )
-        print_table(score_table(result.scores))
-        warn(result.outcome.warnings)
-        print_result(result.outcome, out)
-        print_text(EASY)
+            write_overlay(out, footage, outcome, progress, blur=blur)
+    warn(outcome.warnings)
+    print_result(outcome, out)
 
-    def calibrate(
-        videos: Annotated[tuple[Path, ...], positional],
-        out: Path = Path("catfree_rig"),
-        detector: Path | None = None,
-        cache: Path | None = None,
-        stride: int = 1,
-        offsets: tuple[int, ...] | None = None,
-        keep_before_damage: bool = False,
-        max_offset: int = 0,
-        anchors: Path | None = None,
-        image_size: tuple[int, int] | None = None,
-        pictures: bool = True,
-        blur: bool = False,
-    ) -> None:
-        """Find cameras and ground in meters from the people in videos, or from their boxes.
 
-        Args:
-            videos: one video file or image folder per camera, or files of boxes as for `localize`.
-            out: folder for scene.json and the rig in other formats.
-            detector: ONNX file of a person detector, or a name of `catfree weights list`; without
-                it people are found by background subtraction.
-            cache: folder for finished stages; `cache` in the output folder if not given.
-            stride: use every stride-th frame.
-            offsets: the frame of each camera that shows the first common instant.
-            keep_before_damage: use the footage before a frame that cannot be decoded.
-            max_offset: largest clock offset of a single camera, in frames, to search and correct.
-            anchors: JSON file of known lengths, cameras and points.
-            image_size: width and height of the images in pixels, where boxes do not state them.
-            pictures: if no cameras are found, write a picture of the boxes.
-            blur: make people unrecognizable in it.
-        """
-        known_anchors, of_boxes = open_anchors(anchors), are_boxes(videos)
-        if not of_boxes:
-            require_files(videos, detector=detector)
-        require_offset(max_offset)
-        from catfree._run._cache import StageCache
-        from catfree._run._input_checks import (
-            calibration_warnings,
-            footage_warnings,
-            require_distinct_videos,
+def localize(
+    boxes: Positional[tuple[Path, ...]],
+    out: Path = Path("catfree_results"),
+    scene: Path | None = None,
+    unit: Unit = "m",
+    method: Method = "default",
+    image_size: tuple[int, int] | None = None,
+    frame_rate: float | None = None,
+    silent: Path | None = None,
+    cache: Path | None = None,
+    max_offset: int = 0,
+    anchors: Path | None = None,
+    pictures: bool = True,
+) -> None:
+    """Track the people whose boxes in several static cameras are given.
+
+    Args:
+        boxes: MOTChallenge or COCO files, one per camera; a folder of these; or one CSV,
+            Parquet, uniform JSON or .npz file with the boxes of all cameras.
+        out: folder for the results.
+        scene: known cameras and ground: scene.json, a COLMAP model, anipose TOML, a folder of
+            OpenCV files, ...; without it they are found from the people.
+        unit: length of one unit of a scene whose file does not state it.
+        method: the localization method.
+        image_size: width and height of the images in pixels, where neither boxes nor scene
+            state them.
+        frame_rate: frames per second, for times and velocities in the results.
+        silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
+            not exist; nothing is concluded from them.
+        cache: folder for finished stages; `cache` in the results folder if not given.
+        max_offset: largest clock offset of a single camera, in frames, to search and correct
+            when the cameras are found from people.
+        anchors: JSON file of known lengths, cameras and points, when the cameras are found from
+            people.
+        pictures: draw plots.
+    """
+    from catfree._run._result_folder import write_results
+    from catfree._run._run import run_boxes
+
+    require_offset(max_offset)
+    settings, known_anchors = settings_of(method), open_anchors(anchors)
+    camera_boxes = open_boxes(boxes, frame_rate, image_size, silent)
+    known_scene, names = open_scene(scene, unit, image_size)
+    print_table(_box_table(camera_boxes), aside=True)
+    with folder_of_results(out), progress_bars() as progress:
+        outcome = run_boxes(
+            camera_boxes,
+            known_scene,
+            settings,
+            cache_dir=out / "cache" if cache is None else cache,
+            progress=progress,
+            scene_names=names,
+            maximum_offset=max_offset,
+            anchors=known_anchors,
         )
-        from catfree._run._report import camera_table, footage_table
-        from catfree._run._result_folder import write_rig
-        from catfree._run._stages import calibrate_cameras
-        from catfree._run.detection._cached_detection import detect_with_cache
-        from catfree._run.detection._camera_detectors import CameraDetectors
-        from catfree.adapters.background._background_detector import BackgroundDetector
-        from catfree.calibration.people import resolve_anchors
-        from catfree.settings import Settings
-        from catfree.types._processes import processor_count
+    write_results(out, outcome, settings, pictures=None if pictures else False)
+    warn(outcome.warnings)
+    print_result(outcome, out)
 
-        source: Any
-        finder: Any
+
+def demo(
+    out: Path = Path("catfree_demo"),
+    seed: int = 0,
+    cameras: int = 6,
+    people: int = 14,
+    frames: int = 200,
+    size: tuple[int, int] = (1280, 720),
+    method: Method = "default",
+    workers: int | None = None,
+    pictures: bool = True,
+    blur: bool = False,
+) -> None:
+    """Render a synthetic world, track its people from the videos alone, and score the tracks.
+
+    Args:
+        out: folder for videos and results.
+        seed: of the random world.
+        cameras: cameras around the square.
+        people: people on the square at a time.
+        frames: number of frames, 5 per second.
+        size: width and height of the videos in pixels.
+        method: the localization method.
+        workers: processes that render and detect; one per processor if not given.
+        pictures: draw plots, and write pictures of the cameras for the report.
+        blur: make people unrecognizable in the pictures of the results.
+    """
+    from catfree.cli._demo import EASY, run_demo, score_table
+
+    with progress_bars() as progress:
+        result = run_demo(
+            out,
+            seed,
+            cameras=cameras,
+            people=people,
+            frames=frames,
+            image_size=size,
+            settings=None if method == "default" else settings_of(method),
+            workers=workers,
+            pictures=None if pictures else False,
+            blur=blur,
+            progress=progress,
+        )
+    print_table(score_table(result.scores))
+    warn(result.outcome.warnings)
+    print_result(result.outcome, out)
+    print_text(EASY)
+
+
+def calibrate(
+    videos: Positional[tuple[Path, ...]],
+    out: Path = Path("catfree_rig"),
+    detector: Path | None = None,
+    cache: Path | None = None,
+    stride: int = 1,
+    offsets: tuple[int, ...] | None = None,
+    keep_before_damage: bool = False,
+    max_offset: int = 0,
+    anchors: Path | None = None,
+    image_size: tuple[int, int] | None = None,
+    pictures: bool = True,
+    blur: bool = False,
+) -> None:
+    """Find cameras and ground in meters from the people in videos, or from their boxes.
+
+    Args:
+        videos: one video file or image folder per camera, or files of boxes as for `localize`.
+        out: folder for scene.json and the rig in other formats.
+        detector: ONNX file of a person detector, or a name of `catfree weights list`; without
+            it people are found by background subtraction.
+        cache: folder for finished stages; `cache` in the output folder if not given.
+        stride: use every stride-th frame.
+        offsets: the frame of each camera that shows the first common instant.
+        keep_before_damage: use the footage before a frame that cannot be decoded.
+        max_offset: largest clock offset of a single camera, in frames, to search and correct.
+        anchors: JSON file of known lengths, cameras and points.
+        image_size: width and height of the images in pixels, where boxes do not state them.
+        pictures: if no cameras are found, write a picture of the boxes.
+        blur: make people unrecognizable in it.
+    """
+    known_anchors, of_boxes = open_anchors(anchors), are_boxes(videos)
+    if not of_boxes:
+        require_files(videos, detector=detector)
+    require_offset(max_offset)
+    from catfree._run._cache import StageCache
+    from catfree._run._input_checks import (
+        calibration_warnings,
+        footage_warnings,
+        require_distinct_videos,
+    )
+    from catfree._run._report import camera_table, footage_table
+    from catfree._run._result_folder import write_rig
+    from catfree._run._stages import calibrate_cameras
+    from catfree._run.detection._cached_detection import detect_with_cache
+    from catfree._run.detection._camera_detectors import CameraDetectors
+    from catfree.adapters.background._background_detector import BackgroundDetector
+    from catfree.calibration.people import resolve_anchors
+    from catfree.settings import Settings
+    from catfree.types._processes import processor_count
+
+    source: Any
+    finder: Any
+    if of_boxes:
+        source, finder = open_boxes(videos, image_size=image_size), None
+        print_table(_box_table(source), aside=True)
+    else:
+        on_error = "keep" if keep_before_damage else "raise"
+        source = open_videos(videos, stride=stride, offsets=offsets, on_error=on_error)
+        finder = open_detector(detector) or BackgroundDetector()
+        print_table(footage_table(source), aside=True)
+        require_distinct_videos(source)
+    if source.image_size is not None:  # before anything is written
+        resolve_anchors(known_anchors, source.image_size, source.camera_names)
+    stages, settings = StageCache(out / "cache" if cache is None else cache), Settings()
+    on_failure = _report_of_failure(out, blur=blur, pictures=pictures)
+    with on_failure as unfinished, progress_bars() as progress:
         if of_boxes:
-            source, finder = open_boxes(videos, image_size=image_size), None
-            print_table(_box_table(source), aside=True)
+            boxes = source.detections
         else:
-            on_error = "keep" if keep_before_damage else "raise"
-            source = open_videos(videos, stride=stride, offsets=offsets, on_error=on_error)
-            finder = open_detector(detector) or BackgroundDetector()
-            print_table(footage_table(source), aside=True)
-            require_distinct_videos(source)
-        if source.image_size is not None:  # before anything is written
-            resolve_anchors(known_anchors, source.image_size, source.camera_names)
-        stages = StageCache(out / "cache" if cache is None else cache)
-        on_failure = _report_of_failure(out, blur=blur, pictures=pictures)
-        with on_failure as unfinished, progress_bars() as progress:
-            if of_boxes:
-                boxes = source.detections
-            else:
-                unfinished.videos, unfinished.warnings = source, footage_warnings(source)
-                workers = processor_count()
-                with CameraDetectors(source, finder, stages, progress, workers=workers) as cameras:
-                    boxes = detect_with_cache(source, cameras, None, stages)
-                unfinished.detections = boxes
-            calibration = calibrate_cameras(
-                source,
-                finder,
-                boxes,
-                maximum_offset=max_offset,
-                anchors=known_anchors,
-                cache=stages,
-                progress=progress,
-            )
-            warnings = unfinished.warnings + calibration_warnings(
-                calibration, boxes, source, Settings()
-            )
-        if not of_boxes and source.interruption is not None:
-            fail(f"Used only the footage before the damage: {source.interruption}")
-        write_rig(out, calibration.scene, source.camera_names)
-        warn(warnings)
-        print_table(camera_table(calibration.scene, source.camera_names, calibration))
-        print_text(f"The rig is in {out}.")
-
-    def evaluate(
-        tracks: Annotated[Path, positional],
-        ground_truth: Annotated[Path, positional],
-        split: Literal["test", "train", "all"] = "test",
-        area: tuple[float, float, float, float] | None = None,
-        threshold: float | None = None,
-        track_threshold: float | None = None,
-        frames: Literal["all", "truth", "tracks"] = "all",
-    ) -> None:
-        """Score tracks against true positions in the same coordinates.
-
-        Args:
-            tracks: results folder of a run or of joined shards, or its tracks.csv or
-                tracks.parquet.
-            ground_truth: CSV with a header and the columns frame, id, x, y; uniform JSON; or the
-                folder of WildTrack or MultiviewX, scored by their protocol.
-            split: frames of WildTrack and MultiviewX to score.
-            area: x_min x_max y_min y_max; positions outside are ignored.
-            threshold: largest distance of a match for MODA, in meters; 0.5 if not given.
-            track_threshold: the same for MOTA and IDF1; 1 if not given.
-            frames: score all frames of tracks and truth, or those of the truth alone, for truth in
-                every tenth frame, say; WildTrack, MultiviewX and uniform JSON state theirs. With
-                tracks, of the truth only frames in the even steps of the tracks, as of a run with
-                a stride.
-        """
-        from catfree.adapters.datasets import read_ground_truth
-        from catfree.adapters.tables import read_tracks
-        from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
-        from catfree.viz.page._blocks import Table
-
-        true, recording = read_ground_truth(ground_truth, split), joined_recording(tracks)
-        tracked_people = read_tracks(tracks) if recording is None else recording.read()
-        predicted = tracked_people.to_rows()
-        truth, within = true.rows, true.area if area is None else area
-        detection_gate = true.detection_gate if threshold is None else threshold
-        tracking_gate = true.tracking_gate if track_threshold is None else track_threshold
-        truth_frames = (
-            np.unique(truth[:, 0]).astype(np.int64) if true.frames is None else true.frames
+            unfinished.videos, unfinished.warnings = source, footage_warnings(source)
+            workers = processor_count()
+            with CameraDetectors(source, finder, stages, progress, workers=workers) as cameras:
+                boxes = detect_with_cache(source, cameras, None, stages)
+            unfinished.detections = boxes
+        calibration = calibrate_cameras(
+            source,
+            finder,
+            boxes,
+            settings,
+            maximum_offset=max_offset,
+            anchors=known_anchors,
+            cache=stages,
+            progress=progress,
         )
-        tracked = np.unique(predicted[:, 0]).astype(np.int64)
-        scored, alone = truth_frames, 0
-        if true.frames is None and frames == "all":
-            alone = len(np.setdiff1d(tracked, truth_frames))
-            scored = np.union1d(truth_frames, tracked)
-        if len(predicted) and not np.isin(predicted[:, 0], scored).any():
-            raise InsufficientDataError(
-                f"No position of {tracks} is in the frames {scored[0]} to {scored[-1]} of "
-                f"{ground_truth}; its own are {predicted[:, 0].min():.0f} to "
-                f"{predicted[:, 0].max():.0f}. Number frames alike."
-            )
-        even = _in_steps(truth_frames, tracked)
-        if frames == "tracks":
-            scored = truth_frames[even]
-        elif _are_strided(tracked, truth_frames, even):
-            warn([f"The {len(tracked)} frames of {tracks} {STRIDED}"])
-        predicted = predicted[np.isin(predicted[:, 0], scored)]
-        people = anywhere = detection_metrics(truth, predicted, scored, detection_gate)
-        if within is not None:
-            truth, predicted = crop(truth, within), crop(predicted, within)
-            people = detection_metrics(truth, predicted, scored, detection_gate)
-        if not len(truth):
-            raise InsufficientDataError(
-                f"No position of {ground_truth} lies in the area {within}, so nothing can be "
-                "scored. Check that area and positions use the same coordinates."
-            )
-        if 2 * alone > len(tracked):
-            warn([f"{alone} of the {len(tracked)} frames of {tracks} {NO_TRUTH}"])
-        if anywhere.tp < HARDLY_ANY * min(anywhere.tp + anywhere.fp, anywhere.tp + anywhere.fn):
-            warn([f"Hardly any positions of {tracks} and {ground_truth} {ELSEWHERE}"])
-        rows = [
-            (f"MODA ({detection_gate:g} m)", f"{people.moda:.2f}"),
-            ("MODP", f"{people.modp:.2f}"),
-            ("precision", f"{people.precision:.2f}"),
-            ("recall", f"{people.recall:.2f}"),
+        warnings = unfinished.warnings + calibration_warnings(calibration, boxes, source, settings)
+    if not of_boxes and source.interruption is not None:
+        fail(f"Used only the footage before the damage: {source.interruption}")
+    write_rig(out, calibration.scene, source.camera_names)
+    warn(warnings)
+    print_table(camera_table(calibration.scene, source.camera_names, calibration))
+    print_text(f"The rig is in {out}.")
+
+
+def evaluate(
+    tracks: Positional[Path],
+    ground_truth: Positional[Path],
+    split: Literal["test", "train", "all"] = "test",
+    area: tuple[float, float, float, float] | None = None,
+    threshold: float | None = None,
+    track_threshold: float | None = None,
+    frames: Literal["all", "truth", "tracks"] = "all",
+) -> None:
+    """Score tracks against true positions in the same coordinates.
+
+    Args:
+        tracks: results folder of a run or of joined shards, or its tracks.csv or
+            tracks.parquet.
+        ground_truth: CSV with a header and the columns frame, id, x, y; uniform JSON; or the
+            folder of WildTrack or MultiviewX, scored by their protocol.
+        split: frames of WildTrack and MultiviewX to score.
+        area: x_min x_max y_min y_max; positions outside are ignored.
+        threshold: largest distance of a match for MODA, in meters; 0.5 if not given.
+        track_threshold: the same for MOTA and IDF1; 1 if not given.
+        frames: score all frames of tracks and truth, or those of the truth alone, for truth in
+            every tenth frame, say; WildTrack, MultiviewX and uniform JSON state theirs. With
+            tracks, of the truth only frames in the even steps of the tracks, as of a run with
+            a stride.
+    """
+    from catfree.adapters.datasets import read_ground_truth
+    from catfree.adapters.tables import read_tracks
+    from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
+    from catfree.viz.page._blocks import Table
+
+    true, recording = read_ground_truth(ground_truth, split), joined_recording(tracks)
+    tracked_people = read_tracks(tracks) if recording is None else recording.read()
+    predicted = tracked_people.to_rows()
+    truth, within = true.rows, true.area if area is None else area
+    detection_gate = true.detection_gate if threshold is None else threshold
+    tracking_gate = true.tracking_gate if track_threshold is None else track_threshold
+    truth_frames = np.unique(truth[:, 0]).astype(np.int64) if true.frames is None else true.frames
+    tracked = np.unique(predicted[:, 0]).astype(np.int64)
+    scored, alone = truth_frames, 0
+    if true.frames is None and frames == "all":
+        alone = len(np.setdiff1d(tracked, truth_frames))
+        scored = np.union1d(truth_frames, tracked)
+    if len(predicted) and not np.isin(predicted[:, 0], scored).any():
+        raise InsufficientDataError(
+            f"No position of {tracks} is in the frames {scored[0]} to {scored[-1]} of "
+            f"{ground_truth}; its own are {predicted[:, 0].min():.0f} to "
+            f"{predicted[:, 0].max():.0f}. Number frames alike."
+        )
+    even = _in_steps(truth_frames, tracked)
+    if frames == "tracks":
+        scored = truth_frames[even]
+    elif _are_strided(tracked, truth_frames, even):
+        warn([f"The {len(tracked)} frames of {tracks} {STRIDED}"])
+    predicted = predicted[np.isin(predicted[:, 0], scored)]
+    people = anywhere = detection_metrics(truth, predicted, scored, detection_gate)
+    if within is not None:
+        truth, predicted = crop(truth, within), crop(predicted, within)
+        people = detection_metrics(truth, predicted, scored, detection_gate)
+    if not len(truth):
+        raise InsufficientDataError(
+            f"No position of {ground_truth} lies in the area {within}, so nothing can be "
+            "scored. Check that area and positions use the same coordinates."
+        )
+    if 2 * alone > len(tracked):
+        warn([f"{alone} of the {len(tracked)} frames of {tracks} {NO_TRUTH}"])
+    if anywhere.tp < HARDLY_ANY * min(anywhere.tp + anywhere.fp, anywhere.tp + anywhere.fn):
+        warn([f"Hardly any positions of {tracks} and {ground_truth} {ELSEWHERE}"])
+    rows = [
+        (f"MODA ({detection_gate:g} m)", f"{people.moda:.2f}"),
+        ("MODP", f"{people.modp:.2f}"),
+        ("precision", f"{people.precision:.2f}"),
+        ("recall", f"{people.recall:.2f}"),
+    ]
+    if (truth[:, 1] >= 0).all() and (predicted[:, 1] >= 0).all():  # identities are known
+        paths = tracking_metrics(truth, predicted, scored, tracking_gate)
+        rows += [
+            (f"MOTA ({tracking_gate:g} m)", f"{paths.mota:.2f}"),
+            (f"IDF1 ({tracking_gate:g} m)", f"{paths.idf1:.2f}"),
+            ("identity switches", str(paths.id_switches)),
+            ("HOTA", f"{hota(truth, predicted, scored).hota:.2f}"),
         ]
-        if (truth[:, 1] >= 0).all() and (predicted[:, 1] >= 0).all():  # identities are known
-            paths = tracking_metrics(truth, predicted, scored, tracking_gate)
-            rows += [
-                (f"MOTA ({tracking_gate:g} m)", f"{paths.mota:.2f}"),
-                (f"IDF1 ({tracking_gate:g} m)", f"{paths.idf1:.2f}"),
-                ("identity switches", str(paths.id_switches)),
-                ("HOTA", f"{hota(truth, predicted, scored).hota:.2f}"),
-            ]
-        if true.protocol:
-            changed = [
-                *(["another area"] if area is not None else []),
-                *(["fewer frames"] if len(scored) < len(truth_frames) else []),
-                *(["other distances"] if (detection_gate, tracking_gate) != true.gates else []),
-            ]
-            also = f" (but with {' and '.join(changed)})" if changed else ""
-            print_text(f"Protocol: {true.protocol}{also}.")
-        print_table(Table(("measure", "value"), tuple(rows)))
+    if true.protocol:
+        changed = [
+            *(["another area"] if area is not None else []),
+            *(["fewer frames"] if len(scored) < len(truth_frames) else []),
+            *(["other distances"] if (detection_gate, tracking_gate) != true.gates else []),
+        ]
+        also = f" (but with {' and '.join(changed)})" if changed else ""
+        print_text(f"Protocol: {true.protocol}{also}.")
+    print_table(Table(("measure", "value"), tuple(rows)))
 
-    def plot(
-        results: Annotated[Path, positional],
-        out: Path | None = None,
-    ) -> None:
-        """Draw the pictures of a finished run again.
 
-        Args:
-            results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote.
-            out: folder for the pictures; `pictures` in the results folder if not given.
-        """
-        from catfree._run._result_folder import draw_pictures, read_results
+def plot(
+    results: Positional[Path],
+    out: Path | None = None,
+) -> None:
+    """Draw the pictures of a finished run again.
 
-        if joined_recording(results) is not None:
-            raise InvalidInputError(
-                f"{results} holds a joined recording, whose tracks are too many for one picture. "
-                f"Draw where people were with `catfree heat-map {results} --out map.csv`."
-            )
-        localization, scene, names = read_results(results)
-        folder = results / "pictures" if out is None else out
-        for path in draw_pictures(folder, localization, scene, camera_names=names):
-            print_text(str(path))
+    Args:
+        results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote.
+        out: folder for the pictures; `pictures` in the results folder if not given.
+    """
+    from catfree._run._result_folder import draw_pictures, read_results
 
-    def heat_map(
-        results: Annotated[Path, positional],
-        out: Path | None = None,
-        cell: float = 0.5,
-        k: int = 5,
-    ) -> None:
-        """Count positions per cell of the ground, without cells that few people visited.
-
-        Args:
-            results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote, or of
-                joined shards.
-            out: CSV file; `heat_map.csv` in the results folder of a run if not given. With
-                matplotlib, a picture is written beside it.
-            cell: side of a cell in meters, or in scene units if the scale is unknown.
-            k: fewest people of a cell that is shown.
-        """
-        import importlib.util
-
-        from catfree._run._result_folder import draw_heat_map, read_results
-        from catfree.viz._heat_map import heat_map as count, write_heat_map
-
-        recording = joined_recording(results)
-        if recording is None:
-            localization, scene, _ = read_results(results)
-            tracks = localization.tracks
-        elif out is None:
-            raise InvalidInputError(
-                f"Name a file for the map with --out: {results} holds only the tables of a joined "
-                "recording, which other programs read as one."
-            )
-        else:
-            tracks, scene = recording.read(), recording.scene
-        heat = count(tracks, cell, k)
-        path = write_heat_map(results / "heat_map.csv" if out is None else out, heat)
-        shown = int(np.isfinite(heat.positions).sum())
-        print_text(
-            f"{path}: {shown} cells" if shown else f"{path}: 0 cells. {BLANK.format(heat.k)}"
+    if joined_recording(results) is not None:
+        raise InvalidInputError(
+            f"{results} holds a joined recording, whose tracks are too many for one picture. "
+            f"Draw where people were with `catfree heat-map {results} --out map.csv`."
         )
-        if importlib.util.find_spec("matplotlib") is not None:
-            print_text(str(draw_heat_map(path.with_suffix(".png"), heat, scene)))
+    localization, scene, names = read_results(results)
+    folder = results / "pictures" if out is None else out
+    for path in draw_pictures(folder, localization, scene, camera_names=names):
+        print_text(str(path))
 
-    return {
-        "run": run,
-        "demo": demo,
-        "localize": localize,
-        "calibrate": calibrate,
-        "check": check_command(tyro),
-        "evaluate": evaluate,
-        "plot": plot,
-        "heat-map": heat_map,
-    }
+
+def heat_map(
+    results: Positional[Path],
+    out: Path | None = None,
+    cell: float = 0.5,
+    k: int = 5,
+) -> None:
+    """Count positions per cell of the ground, without cells that few people visited.
+
+    Args:
+        results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote, or of
+            joined shards.
+        out: CSV file; `heat_map.csv` in the results folder of a run if not given. With
+            matplotlib, a picture is written beside it.
+        cell: side of a cell in meters, or in scene units if the scale is unknown.
+        k: fewest people of a cell that is shown.
+    """
+    import importlib.util
+
+    from catfree._run._result_folder import draw_heat_map, read_results
+    from catfree.viz._heat_map import heat_map as count, write_heat_map
+
+    recording = joined_recording(results)
+    if recording is None:
+        localization, scene, _ = read_results(results)
+        tracks = localization.tracks
+    elif out is None:
+        raise InvalidInputError(
+            f"Name a file for the map with --out: {results} holds only the tables of a joined "
+            "recording, which other programs read as one."
+        )
+    else:
+        tracks, scene = recording.read(), recording.scene
+    heat = count(tracks, cell, k)
+    path = write_heat_map(results / "heat_map.csv" if out is None else out, heat)
+    shown = int(np.isfinite(heat.positions).sum())
+    print_text(f"{path}: {shown} cells" if shown else f"{path}: 0 cells. {BLANK.format(heat.k)}")
+    if importlib.util.find_spec("matplotlib") is not None:
+        print_text(str(draw_heat_map(path.with_suffix(".png"), heat, scene)))
+
+
+# By the name of the sub-command, in the order of the help.
+COMMANDS: dict[str, Callable[..., int | None]] = {
+    "run": run,
+    "demo": demo,
+    "localize": localize,
+    "calibrate": calibrate,
+    "check": check,
+    "evaluate": evaluate,
+    "plot": plot,
+    "heat-map": heat_map,
+    "plan": plan,
+    "shard": shard,
+    "join": join,
+    "run-sites": run_sites,
+    "watch": watch,
+    "weights": weights,
+}

@@ -184,10 +184,10 @@ def run_demo(
         blur=blur,
         extra=score_blocks,
     )
-    return DemoOutcome(world, tuple(videos), outcome, tuple(scores), tuple(files))
+    return DemoOutcome(world, tuple(videos), outcome, scores, tuple(files))
 
 
-def score(world: World, outcome: RunOutcome) -> list[AlignedScore]:
+def score(world: World, outcome: RunOutcome) -> tuple[AlignedScore, ...]:
     """Compare a run with the world's truth, after a similarity and after a rigid alignment.
 
     The alignment is fitted to the camera centers, never to people. True and found people outside
@@ -228,10 +228,10 @@ def score(world: World, outcome: RunOutcome) -> list[AlignedScore]:
                 scale=float(similarity.scale),
             )
         )
-    return scores
+    return tuple(scores)
 
 
-def score_table(scores: list[AlignedScore] | tuple[AlignedScore, ...]) -> Table:
+def score_table(scores: tuple[AlignedScore, ...]) -> Table:
     """Scores side by side, one column per alignment."""
     lines: list[tuple[str, Callable[[AlignedScore], str]]] = [
         ("MODA (0.5 m)", lambda s: f"{s.moda:.1f}"),

@@ -2,9 +2,11 @@
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
+
+from tyro.conf import Positional
 
 from catfree.cli._inputs import (
     Method,
@@ -23,169 +25,163 @@ BOXES = (".npz", ".parquet")
 IN_ONE_FILE = "Save the boxes to one file first: cf.read_detections(...)[0].save('boxes.npz')."
 
 
-def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
-    """Sub-commands by name, built here because their annotations need tyro."""
-    positional = tyro.conf.Positional
+def plan(
+    recording: Positional[tuple[Path, ...]],
+    scene: Path,
+    out: Path,
+    unit: Unit = "m",
+    every: float = 600.0,
+    overlap: float = 20.0,
+    frame_rate: float | None = None,
+    offsets: tuple[int, ...] | None = None,
+    silent: Path | None = None,
+    detector: Path | None = None,
+    embedder: Path | None = None,
+    method: Method = "default",
+) -> None:
+    """Cut a long recording into shards and write them to a plan.
 
-    def plan(
-        recording: Annotated[tuple[Path, ...], positional],
-        scene: Path,
-        out: Path,
-        unit: Unit = "m",
-        every: float = 600.0,
-        overlap: float = 20.0,
-        frame_rate: float | None = None,
-        offsets: tuple[int, ...] | None = None,
-        silent: Path | None = None,
-        detector: Path | None = None,
-        embedder: Path | None = None,
-        method: Method = "default",
-    ) -> None:
-        """Cut a long recording into shards and write them to a plan.
+    Args:
+        recording: one video file or image folder per camera, or a single file of saved boxes
+            (.npz or .parquet), or a folder of Parquet files.
+        scene: known cameras and ground (scene.json, or any calibration format).
+        out: folder for the results; the plan is `_shards/plan.json` in it.
+        unit: length of one unit of a scene whose file does not state it.
+        every: seconds per shard.
+        overlap: seconds that neighboring shards share.
+        frame_rate: frames per second; that of the videos or of the saved boxes if not given.
+        offsets: the frame of each camera that shows the first common instant.
+        silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
+            not exist, for boxes; of videos it is known.
+        detector: ONNX file of a person detector, or a name of `catfree weights list`; without
+            it people are found by background subtraction.
+        embedder: ONNX file of a re-identification network, or a name of that list.
+        method: the localization method.
+    """
+    from catfree._run.sharded._plan_file import PlanFile, write_plan
+    from catfree._run.sharded._receipt import PLAN
+    from catfree._run.sharded._shard import shards
+    from catfree.types._writing import make_folder
 
-        Args:
-            recording: one video file or image folder per camera, or a single file of saved boxes
-                (.npz or .parquet), or a folder of Parquet files.
-            scene: known cameras and ground (scene.json, or any calibration format).
-            out: folder for the results; the plan is `_shards/plan.json` in it.
-            unit: length of one unit of a scene whose file does not state it.
-            every: seconds per shard.
-            overlap: seconds that neighboring shards share.
-            frame_rate: frames per second; that of the videos or of the saved boxes if not given.
-            offsets: the frame of each camera that shows the first common instant.
-            silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-                not exist, for boxes; of videos it is known.
-            detector: ONNX file of a person detector, or a name of `catfree weights list`; without
-                it people are found by background subtraction.
-            embedder: ONNX file of a re-identification network, or a name of that list.
-            method: the localization method.
-        """
-        from catfree._run.sharded._plan_file import PlanFile, write_plan
-        from catfree._run.sharded._receipt import PLAN
-        from catfree._run.sharded._shard import shards
-        from catfree.types._writing import make_folder
+    networks = {"detector": detector, "embedder": embedder}
+    boxes = recording[0] if len(recording) == 1 and _holds_boxes(recording[0]) else None
+    if boxes is None:
+        require_files(recording, IN_ONE_FILE, scene=scene, **networks)
+    elif detector is not None or embedder is not None:
+        raise InvalidInputError(
+            f"{boxes} is read as boxes, so that --detector and --embedder have nothing to do."
+        )
+    known, names, warnings = _scene_for(scene, () if boxes is not None else recording, unit)
+    warn(warnings)  # before shards fail
+    parts = shards(
+        recording if boxes is None else boxes,
+        every,
+        overlap,
+        frame_rate,
+        offsets=offsets,
+        silent=None if silent is None else _missing_pictures(silent, known, names),
+        camera_names=names,
+    )
+    # Beside the other working files, which readers of Parquet folders leave out.
+    path = out / PLAN
+    make_folder(path.parent)
+    # All paths from the root: the processes of the shards may start in another folder.
+    files = {
+        role: "" if path is None else os.path.abspath(network_file(path))
+        for role, path in networks.items()
+    }
+    places = (os.path.abspath(scene), os.path.abspath(out))
+    document = PlanFile(parts, *places, method, unit=unit, **files)
+    write_plan(path, document)
+    print_text(
+        f"{path} has {len(parts)} shards. Run each with `catfree shard --plan {path} --index "
+        f"N` (N from 0 to {len(parts) - 1}), then `catfree join {out}`."
+    )
 
-        networks = {"detector": detector, "embedder": embedder}
-        boxes = recording[0] if len(recording) == 1 and _holds_boxes(recording[0]) else None
-        if boxes is None:
-            require_files(recording, IN_ONE_FILE, scene=scene, **networks)
-        elif detector is not None or embedder is not None:
-            raise InvalidInputError(
-                f"{boxes} is read as boxes, so that --detector and --embedder have nothing to do."
+
+def shard(plan: Path, index: int) -> None:
+    """Localize one shard of a plan, unless that was done before.
+
+    Args:
+        plan: what `catfree plan` wrote.
+        index: of the shard, counted from 0.
+    """
+    from catfree._run.sharded._plan_file import read_plan, shard_at
+    from catfree._run.sharded._run_shard import run_shard
+
+    document = read_plan(plan)
+    chosen = shard_at(document.shards, index)
+    scene, _, _ = _scene_for(
+        Path(document.scene), [Path(video) for video in chosen.videos], document.unit
+    )
+    receipt = run_shard(
+        chosen,
+        scene=scene,
+        out=document.out,
+        settings=settings_of(document.method),
+        detector=open_detector(_path(document.detector)),
+        embedder=open_embedder(_path(document.embedder)),
+    )
+    warn(receipt.warnings)
+    print_text(f"Shard {index} of {receipt.count} is finished: {receipt.boxes} boxes.")
+
+
+def join(out: Positional[Path]) -> None:
+    """Join the finished shards of a recording to one table.
+
+    Args:
+        out: the folder that the plan named.
+    """
+    from catfree._run.sharded._join import join_shards
+
+    _print_recording(join_shards(out))
+
+
+def run_sites(
+    sites: Positional[Path],
+    out: Path,
+    dask: str | None = None,
+    workers: int | None = None,
+) -> int:
+    """Track the people of many sites: calibrate each once, run all shards, join them.
+
+    Args:
+        sites: TOML file with the recordings; see docs/long_recordings.md.
+        out: folder for the results, with a folder `site=.../date=...` per recording.
+        dask: address of a Dask scheduler whose workers run the shards.
+        workers: processes on this machine; as many as processors and memory allow if not
+            given.
+    """
+    from catfree._run.sharded._sites import read_sites, run_sites
+
+    recordings, options = read_sites(sites)
+    settings = settings_of(options.pop("method", "default"))
+    detector = open_detector(_path(options.pop("detector", "")))
+    embedder = open_embedder(_path(options.pop("embedder", "")))
+    reasons: tuple[str, ...] = ()
+    with _executor(dask, workers) as executor, progress_bars() as progress:
+        try:
+            finished = run_sites(
+                recordings,
+                out=out,
+                settings=settings,
+                detector=detector,
+                embedder=embedder,
+                executor=executor,
+                progress=progress,
+                **options,
             )
-        known, names, warnings = _scene_for(scene, () if boxes is not None else recording, unit)
-        warn(warnings)  # before shards fail
-        parts = shards(
-            recording if boxes is None else boxes,
-            every,
-            overlap,
-            frame_rate,
-            offsets=offsets,
-            silent=None if silent is None else _missing_pictures(silent, known, names),
-            camera_names=names,
-        )
-        # Beside the other working files, which readers of Parquet folders leave out.
-        path = out / PLAN
-        make_folder(path.parent)
-        files = {
-            role: "" if path is None else _absolute(network_file(path))
-            for role, path in networks.items()
-        }
-        document = PlanFile(parts, _absolute(scene), _absolute(out), method, unit=unit, **files)
-        write_plan(path, document)
-        print_text(
-            f"{path} has {len(parts)} shards. Run each with `catfree shard --plan {path} --index "
-            f"N` (N from 0 to {len(parts) - 1}), then `catfree join {out}`."
-        )
-
-    def shard(plan: Path, index: int) -> None:
-        """Localize one shard of a plan, unless that was done before.
-
-        Args:
-            plan: what `catfree plan` wrote.
-            index: of the shard, counted from 0.
-        """
-        from catfree._run.sharded._plan_file import read_plan, shard_at
-        from catfree._run.sharded._run_shard import run_shard
-
-        document = read_plan(plan)
-        chosen = shard_at(document.shards, index)
-        scene, _, _ = _scene_for(
-            Path(document.scene), [Path(video) for video in chosen.videos], document.unit
-        )
-        receipt = run_shard(
-            chosen,
-            scene=scene,
-            out=document.out,
-            settings=settings_of(document.method),
-            detector=open_detector(_path(document.detector)),
-            embedder=open_embedder(_path(document.embedder)),
-        )
-        warn(receipt.warnings)
-        print_text(f"Shard {index} of {receipt.count} is finished: {receipt.boxes} boxes.")
-
-    def join(out: Annotated[Path, positional]) -> None:
-        """Join the finished shards of a recording to one table.
-
-        Args:
-            out: the folder that the plan named.
-        """
-        from catfree._run.sharded._join import join_shards
-
-        _print_recording(join_shards(out))
-
-    def run_sites(
-        sites: Annotated[Path, positional],
-        out: Path,
-        dask: str | None = None,
-        workers: int | None = None,
-    ) -> int:
-        """Track the people of many sites: calibrate each once, run all shards, join them.
-
-        Args:
-            sites: TOML file with the recordings; see docs/long_recordings.md.
-            out: folder for the results, with a folder `site=.../date=...` per recording.
-            dask: address of a Dask scheduler whose workers run the shards.
-            workers: processes on this machine; as many as processors and memory allow if not
-                given.
-        """
-        from catfree._run.sharded._sites import read_sites, run_sites
-
-        recordings, options = read_sites(sites)
-        settings = settings_of(options.pop("method", "default"))
-        detector = open_detector(_path(options.pop("detector", "")))
-        embedder = open_embedder(_path(options.pop("embedder", "")))
-        reasons: tuple[str, ...] = ()
-        with _executor(dask, workers) as executor, progress_bars() as progress:
-            try:
-                finished = run_sites(
-                    recordings,
-                    out=out,
-                    settings=settings,
-                    detector=detector,
-                    embedder=embedder,
-                    executor=executor,
-                    progress=progress,
-                    **options,
-                )
-            except ShardError as error:
-                finished, reasons = error.finished, error.reasons
-        for recording in finished:
-            _print_recording(recording)
-        for reason in reasons:
-            fail(reason)
-        return int(bool(reasons))
-
-    return {"plan": plan, "shard": shard, "join": join, "run-sites": run_sites}
+        except ShardError as error:
+            finished, reasons = error.finished, error.reasons
+    for recording in finished:
+        _print_recording(recording)
+    for reason in reasons:
+        fail(reason)
+    return int(bool(reasons))
 
 
 def _holds_boxes(path: Path) -> bool:
     return path.suffix in BOXES or (path.is_dir() and any(path.rglob("*.parquet")))
-
-
-def _absolute(path: Path) -> str:
-    """The path from the root: other processes may start in another folder."""
-    return os.path.abspath(path)
 
 
 def _scene_for(

@@ -4,7 +4,7 @@ import contextlib
 import io
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from catfree.cli._inputs import Unit, open_scene
@@ -16,47 +16,42 @@ ASIDE = {
 }
 
 
-def watch_command() -> dict[str, Callable[..., None]]:
-    """Return the sub-command by name."""
+def watch(
+    scene: Path,
+    frame_rate: float,
+    lag: float = 2.0,
+    timeout: float = 0.0,
+    provisional: bool = True,
+    unit: Unit = "m",
+) -> None:
+    """Track people live: lines of boxes on standard input, of positions on standard output.
 
-    def watch(
-        scene: Path,
-        frame_rate: float,
-        lag: float = 2.0,
-        timeout: float = 0.0,
-        provisional: bool = True,
-        unit: Unit = "m",
-    ) -> None:
-        """Track people live: lines of boxes on standard input, of positions on standard output.
+    A line is the JSON of a frame of one camera: {"camera": "north", "time": 12.25, "boxes":
+    [[x1, y1, x2, y2]], "scores": [0.9]}. A frame that shows nobody needs its line, too.
 
-        A line is the JSON of a frame of one camera: {"camera": "north", "time": 12.25, "boxes":
-        [[x1, y1, x2, y2]], "scores": [0.9]}. A frame that shows nobody needs its line, too.
+    Args:
+        scene: known cameras and ground (scene.json, or any calibration format).
+        frame_rate: instants per second.
+        lag: seconds after which positions are final.
+        timeout: seconds, by the times in the lines, to wait for missing cameras although a
+            newer instant began; a newer one that is complete ends the wait.
+        provisional: also write the positions of now, which later frames may correct.
+        unit: length of one unit of a scene whose file does not state it.
+    """
+    from catfree.methods.online import Tracker
+    from catfree.methods.online._watch import watch as records_of_lines
 
-        Args:
-            scene: known cameras and ground (scene.json, or any calibration format).
-            frame_rate: instants per second.
-            lag: seconds after which positions are final.
-            timeout: seconds, by the times in the lines, to wait for missing cameras although a
-                newer instant began; a newer one that is complete ends the wait.
-            provisional: also write the positions of now, which later frames may correct.
-            unit: length of one unit of a scene whose file does not state it.
-        """
-        from catfree.methods.online import Tracker
-        from catfree.methods.online._watch import watch as records_of_lines
-
-        known_scene, names = open_scene(scene, unit)
-        tracker = Tracker(known_scene, lag=lag)
-        names = names or tuple(str(camera) for camera in range(known_scene.rig.camera_count))
-        records = records_of_lines(
-            _standard_input(), tracker, names, frame_rate=frame_rate, timeout=timeout
-        )
-        for record in records:
-            if record["type"] in ASIDE:
-                warn([ASIDE[record["type"]].format(**record)])
-            elif provisional or record["type"] != "provisional":
-                print_text(json.dumps(record))
-
-    return {"watch": watch}
+    known_scene, names = open_scene(scene, unit)
+    tracker = Tracker(known_scene, lag=lag)
+    names = names or tuple(str(camera) for camera in range(known_scene.rig.camera_count))
+    records = records_of_lines(
+        _standard_input(), tracker, names, frame_rate=frame_rate, timeout=timeout
+    )
+    for record in records:
+        if record["type"] in ASIDE:
+            warn([ASIDE[record["type"]].format(**record)])
+        elif provisional or record["type"] != "provisional":
+            print_text(json.dumps(record))
 
 
 def _standard_input() -> Iterator[str]:

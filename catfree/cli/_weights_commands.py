@@ -1,45 +1,43 @@
 """The commands for published weights."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
+
+from tyro.conf import OmitSubcommandPrefixes, Positional, configure, subcommand
 
 from catfree.cli._terminal import print_table, print_text, progress_bars
 from catfree.errors import InvalidInputError
 
 
-def weights_commands(tyro: Any) -> dict[str, Callable[..., None]]:
-    """Sub-commands by name, built here because their annotations need tyro."""
-    positional, subcommand = tyro.conf.Positional, tyro.conf.subcommand
+@dataclass(frozen=True)
+class List:
+    """List the weights that are known by name, with license and address."""
 
-    @dataclass(frozen=True)
-    class List:
-        """List the weights that are known by name, with license and address."""
 
-    @dataclass(frozen=True)
-    class Get:
-        """Download weights, unless they are on this machine, and print their paths.
+@dataclass(frozen=True)
+class Get:
+    """Download weights, unless they are on this machine, and print their paths.
 
-        Attributes:
-            names: names of `catfree weights list`.
-        """
+    Attributes:
+        names: names of `catfree weights list`.
+    """
 
-        names: Annotated[tuple[str, ...], positional]
+    names: Positional[tuple[str, ...]]
 
-    def weights(
-        action: Annotated[List, subcommand("list")] | Annotated[Get, subcommand("get")],
-    ) -> None:
-        """List published detectors and embedders, or download them.
 
-        Args:
-            action: what to do.
-        """
-        if isinstance(action, Get):
-            _get(action.names)
-        else:
-            _list()
+@configure(OmitSubcommandPrefixes)
+def weights(
+    action: Annotated[List, subcommand("list")] | Annotated[Get, subcommand("get")],
+) -> None:
+    """List published detectors and embedders, or download them.
 
-    return {"weights": tyro.conf.configure(tyro.conf.OmitSubcommandPrefixes)(weights)}
+    Args:
+        action: what to do.
+    """
+    if isinstance(action, Get):
+        _get(action.names)
+    else:
+        _list()
 
 
 def _get(names: tuple[str, ...]) -> None:
@@ -54,9 +52,9 @@ def _get(names: tuple[str, ...]) -> None:
 
 
 def _list() -> None:
-    from catfree._run._report import Table
     from catfree.adapters.weights import WEIGHTS
     from catfree.adapters.weights._fetch_weights import is_fetched, weights_folder
+    from catfree.viz.page._blocks import Table
 
     rows = tuple(
         (w.name, w.description, w.license, f"{w.size / 1e6:.0f} MB", ["no", "yes"][is_fetched(w)])

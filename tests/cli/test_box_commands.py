@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import catfree as cf
+from catfree import cli
 from catfree.adapters import (
     read_scene,
     read_tracks,
@@ -14,7 +15,6 @@ from catfree.adapters import (
     write_scene_json,
     write_tracks_csv,
 )
-from catfree.cli import _commands as cli
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
 from catfree.types import Scene, Tracks

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from catfree import cli
 from catfree.adapters import write_scene_json
 from catfree.calibration import CameraCheck, Check, Verdict
-from catfree.cli import _commands as cli
 from catfree.cli._check_command import NAMED
 from catfree.synthetic import make_layout, make_world
 from catfree.types import Detections

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import catfree as cf
+from catfree import cli
 from catfree._run._worker import ONE_THREAD
 from catfree.adapters import write_anipose_toml, write_detections_parquet, write_scene_json
-from catfree.cli import _commands as cli
 from catfree.cli._shard_commands import _scene_for
 from catfree.errors import InvalidInputError
 from catfree.synthetic import make_world

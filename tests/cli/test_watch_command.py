@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
+from catfree import cli
 from catfree.adapters import write_anipose_toml, write_scene_json
-from catfree.cli import _commands as cli
 from catfree.synthetic import make_world
 
 pytest.importorskip("tyro")

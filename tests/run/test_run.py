@@ -595,7 +595,7 @@ def test_anchors_change_a_calibration_from_the_cache(pictures, tmp_path, monkeyp
     height = 2 * float(np.asarray(found.scene.rig.centers)[0, 2])
     for known in ((), (KnownCamera(0, height=height, height_sd=0.01),)):
         got = stages_module.calibrate_cameras(
-            videos, None, boxes, anchors=known, cache=StageCache(tmp_path / "cache")
+            videos, None, boxes, cf.Settings(), anchors=known, cache=StageCache(tmp_path / "cache")
         )
         assert len(got.anchors) == 2 * len(known)
     assert "but 1.70 m" in got.contradictions[0]
@@ -608,7 +608,7 @@ def test_a_failed_calibration_says_how_many_instants_were_left_out():
             boxes, ("a", "b"), np.full((2, 2), 640), np.array(silent, np.int64).reshape(-1, 2)
         )
         with pytest.raises(CalibrationError) as error:
-            stages_module.calibrate_cameras(given, None, boxes)
+            stages_module.calibrate_cameras(given, None, boxes, cf.Settings())
         text = "2 instants that some camera does not show were left out."
         assert str(error.value).endswith(text) == said
 

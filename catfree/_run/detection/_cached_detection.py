@@ -141,15 +141,17 @@ def detect_with_cache(
 
 
 def fingerprint_of(part: Any, role: str) -> str:
-    """Return the content hash of a detector, embedder or reconstructor.
+    """Return the content hash of a detector, embedder or reconstructor; empty for None.
 
     Args:
-        part: the detector, embedder or reconstructor.
+        part: the detector, embedder or reconstructor, or None.
         role: what the part is, for the message.
 
     Raises:
         InvalidInputError: if it has none, so that results of different parts cannot be told apart.
     """
+    if part is None:
+        return ""
     fingerprint = getattr(part, "fingerprint", None)
     if not isinstance(fingerprint, str) or not fingerprint:
         raise InvalidInputError(

@@ -29,9 +29,6 @@ class ShardPositions(eqx.Module):
     xy: Float[np.ndarray, "m 2"]
     covariance: Float[np.ndarray, "m 2 2"]
 
-    def __len__(self) -> int:
-        return len(self.frame)
-
 
 def match_tracks(
     earlier: ShardPositions, later: ShardPositions
@@ -48,12 +45,9 @@ def match_tracks(
     Returns:
         The identities of each pair in either shard, in order of the first.
     """
-    empty = np.zeros(0, np.int64)
-    if not len(earlier) or not len(later):
-        return empty, empty
     i, j = equal_pairs(earlier.frame, later.frame)
     if not len(i):
-        return empty, empty
+        return i, j
     offset = later.xy[j] - earlier.xy[i]
     spread = later.covariance[j] + earlier.covariance[i]
     solved = np.linalg.solve(spread, offset[..., None])[..., 0]

@@ -224,10 +224,13 @@ def run_fingerprint(
     embedder: Any = None,
 ) -> str:
     """Hash of what is the same for all shards: scene, settings, networks and code."""
-    parts = {"detector": detector, "embedder": embedder}
-    names = ["" if part is None else fingerprint_of(part, role) for role, part in parts.items()]
     return hash_parameters(
-        "run", content_hash(scene), code_hash(), *names, settings=dataclasses.asdict(settings)
+        "run",
+        content_hash(scene),
+        code_hash(),
+        fingerprint_of(detector, "detector"),
+        fingerprint_of(embedder, "embedder"),
+        settings=dataclasses.asdict(settings),
     )
 
 

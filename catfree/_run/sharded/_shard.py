@@ -202,7 +202,7 @@ def _whole(
     frames = videos.frames
     first, stop = int(frames[0]), int(frames[-1]) + 1
     paths = tuple(os.path.abspath(one.path) for one in videos.footage)
-    source = hash_parameters("videos", *(hash_samples(path) for path in paths))
+    source = _hash_of_recording(paths)
     given = None if offsets is None else videos.offsets
     return Shard(0, 1, first, stop, first, stop, clock, source, videos=paths, offsets=given)
 
@@ -219,7 +219,7 @@ def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -
             clock = detections.clock
         else:
             clock = clock_of(open_detections_table(path), path)
-        source = hash_samples(path)
+        source = _hash_of_recording(path)
     if detections is None:
         first, stop = frame_range(name)
     elif len(detections):
@@ -332,17 +332,20 @@ def require_unchanged(shard: Shard) -> None:
     Raises:
         InvalidInputError: naming the recording.
     """
-    if isinstance(shard.detections, str):
-        source, name = hash_samples(shard.detections), shard.detections
-    elif shard.videos:
-        source = hash_parameters("videos", *(hash_samples(path) for path in shard.videos))
-        name = ", ".join(shard.videos)
-    else:
-        return
-    if source != shard.source:
+    boxes = shard.detections
+    recording = boxes if isinstance(boxes, str) else shard.videos
+    if recording and _hash_of_recording(recording) != shard.source:
+        name = recording if isinstance(recording, str) else ", ".join(recording)
         raise InvalidInputError(
             f"{name} changed after {shard.name} was planned. Make the plan again with cf.shards."
         )
+
+
+def _hash_of_recording(recording: StrPath | tuple[str, ...]) -> str:
+    """Hash of the parts of a file of boxes, or of one video per camera, that tell a change."""
+    if isinstance(recording, tuple):
+        return hash_parameters("videos", *map(hash_samples, recording))
+    return hash_samples(recording)
 
 
 def require_folder_name(value: str, name: str) -> None:

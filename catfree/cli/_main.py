@@ -1,0 +1,42 @@
+"""The command line as a function."""
+
+import sys
+
+import catfree
+from catfree.cli._terminal import INTERRUPTED, fail, print_text, require_tyro
+from catfree.errors import CatFreeError
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: the arguments after `catfree`; None for those of the process. `--version` alone
+            prints the version.
+
+    Returns:
+        The exit code: 0, or 1 after an error, which is one sentence on standard error. Invalid
+        arguments exit with 2.
+    """
+    if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+        print_text(f"catfree {catfree.__version__}")
+        return 0
+    try:
+        tyro = require_tyro()
+        from catfree.cli._commands import COMMANDS  # which need tyro
+
+        code = tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            prog="catfree",
+            description="Track people on the ground from videos of static cameras. "
+            "`--version` prints the version.",
+            args=arguments,
+        )
+    except CatFreeError as error:
+        return fail(str(error))
+    except OSError as error:
+        return fail(f"{error.filename or 'A file'}: {error.strerror or error}.")
+    except KeyboardInterrupt:
+        fail("Interrupted. Run the command again to resume from the finished stages.")
+        return INTERRUPTED
+    return code or 0
