@@ -142,7 +142,7 @@ def print_result(outcome: Any, out: Path) -> None:
 
 
 def print_table(table: Any, *, aside: bool = False) -> None:
-    """Print a `Table` as a report has them; on standard error if `aside`."""
+    """Print a table of a report; on standard error if `aside`."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
