@@ -45,7 +45,7 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
             if one and two:
                 pairs = [1 - embedding[i] @ embedding[j] for i in one for j in two]
                 expected = WEIGHT * len(two) * float(LIKENESS(np.array([np.mean(pairs)]))[0])
-            assert found[a, b] == pytest.approx(expected, abs=1e-5)  # in single precision
+            assert found[a, b] == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("at_a_time", [1, 15, 1 << 18])
