@@ -128,15 +128,20 @@ def describe(
     s = solution
     unit = float(s.views.unit)
     rows = np.flatnonzero(s.kept)
-    trails = s.trails[rows]
+    group = s.trails.group[rows]
+    is_detected = group >= 0
+    with float_width_of(s.boxes.box):  # before the results take memory
+        rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
+        bend = lens_bends(group[is_detected], s)
+        patterns = residual_patterns(s)
     members = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
-    is_detected = trails.group >= 0
-    support = np.where(is_detected[:, None], members[trails.group], -1)
+    support = np.where(is_detected[:, None], members[group], -1)
     covariance = s.position_covariance[rows] * unit**2
-    xy = trails.mean[:, :2] * unit + s.views.origin
+    mean = s.trails.mean[rows]
+    xy = mean[:, :2] * unit + s.views.origin
     pace = unit / s.boxes.step
     tracks = Tracks(
-        frame=s.boxes.frames[trails.frame],
+        frame=s.boxes.frames[s.trails.frame[rows]],
         track_id=s.identity[rows],
         position=from_plan(scene, xy),
         ground_xy=xy,
@@ -146,8 +151,8 @@ def describe(
         origin=np.where(is_detected, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
         existence=s.probability[rows],
         support=support,
-        velocity=trails.mean[:, 3:] * pace,
-        velocity_covariance=trails.covariance[:, 3:, 3:] * pace**2,
+        velocity=mean[:, 3:] * pace,
+        velocity_covariance=s.trails.covariance[rows, 3:, 3:] * pace**2,
         design_sigma=s.design_sigma[rows] * unit,
         whole_views=s.whole_views[rows],
     ).renumbered()
@@ -156,11 +161,7 @@ def describe(
     fate[s.trails.group[likely & ~s.kept]] = Fate.UNCERTAINTY_FILTER
     fate[s.trails.group[likely & s.suppressed]] = Fate.SUPPRESSED
     fate[s.trails.group[likely & s.outside]] = Fate.WORKING_AREA
-    fate[trails.group[is_detected]] = Fate.ACCEPTED
-    with float_width_of(s.boxes.box):
-        rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
-        bend = lens_bends(trails.group[is_detected], s)
-        patterns = residual_patterns(s)
+    fate[group[is_detected]] = Fate.ACCEPTED
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
         position=from_plan(scene, s.place[:, :2] * unit + s.views.origin),
@@ -172,7 +173,7 @@ def describe(
         fate=fate,
     )
     radius = settings.report_radius * unit
-    used = s.groups.member[trails.group[is_detected]]
+    used = s.groups.member[group[is_detected]]
     median = float(np.median(tracks.sigma)) if len(tracks) else float("nan")
     precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
     height = rays.ground_height(fate == Fate.ACCEPTED) * unit

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
-from catfree.methods.evidence.group._appearance import Looks, PairRatios
+from catfree.methods.evidence.group._appearance import PairRatios, looks_of
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
@@ -42,7 +42,6 @@ class EvidenceState(eqx.Module):
         rate: how often each camera detects a person in view.
         existence: the evidence for each group.
         motion: how people walk.
-        looks: the embeddings of each group; None if tracks are not linked by them.
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows.
         probability: (M,) that the person was present.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
@@ -66,7 +65,6 @@ class EvidenceState(eqx.Module):
     rate: DetectionRate
     existence: Existence
     motion: Motion
-    looks: Looks | None
     trails: Trails
     evidence: Float[np.ndarray, " node"]
     probability: Float[np.ndarray, " node"]
@@ -81,7 +79,10 @@ class EvidenceState(eqx.Module):
     def population(self, settings: EvidenceSettings) -> Population:
         """What the state knows of all people and frames together."""
         density, spread = float(self.noise.density), float(self.noise.spread)
-        return Population(self.boxes.time, self.motion, density, spread, settings, self.looks)
+        looks = None
+        if self.ratios is not None and settings.link_by_looks:
+            looks = looks_of(self.ratios, self.groups.member)
+        return Population(self.boxes.time, self.motion, density, spread, settings, looks)
 
     def is_tracked(self, settings: EvidenceSettings) -> bool:
         """Return whether people are followed over time; those of a single instant are not."""
@@ -111,7 +112,6 @@ def first_state(
         rate=rate_before_counting(heights, settings),
         existence=not_judged(0, cameras),
         motion=usual_motion(settings),
-        looks=None,
         trails=_nobody(),
         evidence=numbers,
         probability=numbers,
@@ -138,7 +138,6 @@ def with_groups(state: EvidenceState, groups: Groups) -> EvidenceState:
         groups=groups,
         place=place,
         existence=not_judged(*groups.member.shape),
-        looks=None,
     )
 
 

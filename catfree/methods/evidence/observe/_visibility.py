@@ -1,6 +1,7 @@
 """Expected visibility of people: occlusion, image borders, and the learned detection rate."""
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -9,6 +10,8 @@ from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._hidden_shares import hidden_shares
 from catfree.methods.evidence.observe._views import GroundViews, people_in_cameras
 from catfree.settings import EvidenceSettings
+
+PEOPLE_AT_A_TIME = 1 << 14  # seen by all cameras together: 20 MB for seven
 
 
 class Views(eqx.Module):
@@ -49,6 +52,23 @@ def expected_views(
     Returns:
         (H, C) arrays.
     """
+    parts = []
+    for begin in range(0, max(len(state), 1), PEOPLE_AT_A_TIME):
+        people = slice(begin, begin + PEOPLE_AT_A_TIME)
+        own = None if member is None else member[people]
+        parts.append(_views_of_block(state[people], frame[people], boxes, views, settings, own))
+    return jax.tree.map(lambda *values: np.concatenate(values), *parts)
+
+
+def _views_of_block(
+    state: Float[np.ndarray, "person 3"],
+    frame: Int[np.ndarray, " person"],
+    boxes: Boxes,
+    views: GroundViews,
+    settings: EvidenceSettings,
+    member: Int[np.ndarray, "person cam"] | None,
+) -> Views:
+    """Do what `expected_views` does for a few people."""
     low, high = settings.body_ramp
     edges, imaged = people_in_cameras(state, views)
     column, head, foot = np.moveaxis(edges, -1, 0)

@@ -7,7 +7,6 @@ from scipy.special import expit
 
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence._state import EvidenceState, with_tracks
-from catfree.methods.evidence.group._appearance import looks_of
 from catfree.methods.evidence.observe._visibility import expected_views
 from catfree.methods.evidence.track._existence import misses, with_pictures
 from catfree.methods.evidence.track._presence import presence
@@ -32,10 +31,7 @@ def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceS
     cameras = int((groups.member >= 0).any(0).sum())
     sure = sure_groups(groups.member, log_odds, cameras, settings)
     motion = estimate_motion(state.place[sure, :2], groups.frame[sure], time, settings)
-    looks = None
-    if state.ratios is not None and settings.link_by_looks:
-        looks = looks_of(state.ratios, groups.member)
-    state = replace(state, motion=motion, looks=looks)
+    state = replace(state, motion=motion)
     trails = follow(groups, log_odds, state.population(settings))
     evidence = evidence_of_rows(trails, state, settings)
     probability = presence(trails, evidence, settings.change_evidence)

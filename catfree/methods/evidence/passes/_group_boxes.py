@@ -1,6 +1,7 @@
 """Group the boxes of each frame into people, with the tracks so far as priors."""
 
 import numpy as np
+from jaxtyping import Int
 
 from catfree.methods.evidence._state import EvidenceState, with_groups
 from catfree.methods.evidence.group._group import group
@@ -17,18 +18,18 @@ def group_boxes(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
         alone = suppress_overlapping_tracks(
             state.trails, state.evidence, state.probability > 0.5, settings.personal_space
         )
-        priors = track_priors(state.trails[alone], state.groups)
+        priors = track_priors(state.trails, np.flatnonzero(alone), state.groups)
     observations = state.boxes, state.measurements, state.noise
     return with_groups(state, group(*observations, settings.gate, priors, state.ratios))
 
 
-def track_priors(trails: Trails, groups: Groups) -> Priors:
-    """Smoothed positions of tracks, without the measurements of the frame itself."""
-    precision = np.linalg.inv(trails.covariance[:, :3, :3])
-    vector = np.einsum("nij,nj->ni", precision, trails.mean[:, :3])
-    is_detected = trails.group >= 0
-    group_info = groups.info[trails.group[is_detected]]
-    precision[is_detected] -= group_info.matrix
-    vector[is_detected] -= group_info.vector
-    order = np.lexsort((trails.track, trails.frame))
-    return priors_of(trails.frame[order], precision[order], vector[order])
+def track_priors(trails: Trails, rows: Int[np.ndarray, " prior"], groups: Groups) -> Priors:
+    """Smoothed positions of rows of tracks, without the measurements of the frame itself."""
+    rows = rows[np.lexsort((trails.track[rows], trails.frame[rows]))]
+    precision = np.linalg.inv(trails.covariance[rows, :3, :3])
+    vector = np.einsum("nij,nj->ni", precision, trails.mean[rows, :3])
+    group = trails.group[rows]
+    is_detected = group >= 0
+    precision[is_detected] -= groups.info.matrix[group[is_detected]]
+    vector[is_detected] -= groups.info.vector[group[is_detected]]
+    return priors_of(trails.frame[rows], precision, vector)

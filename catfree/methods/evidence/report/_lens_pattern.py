@@ -41,11 +41,11 @@ def lens_pattern(
     Source:
         Brown, "Close-range camera calibration" (1971), for the first radial coefficient.
     """
-    x, y = offset.T
-    one, zero, square = np.ones_like(x), np.zeros_like(x), x**2 + y**2
-    columns = np.stack([one, zero, x, y, zero, zero, x * square], -1)
-    rows = np.stack([zero, one, zero, zero, x, y, y * square], -1)
-    design = np.stack([columns, rows], 1) * precision[..., None]
+    design = np.zeros((len(offset), 2, 7))
+    design[:, 0, 0] = design[:, 1, 1] = 1
+    design[:, 0, 2:4] = design[:, 1, 4:6] = offset
+    design[:, :, 6] = offset * (offset[:, :1] ** 2 + offset[:, 1:] ** 2)
+    design *= precision[..., None]
     coefficients, covariance = huber_regression(
         design.reshape(-1, 7), (residual * precision).ravel(), np.full(7, UNKNOWN), scale=1.0
     )

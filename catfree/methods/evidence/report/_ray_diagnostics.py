@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from catfree.geometry import (
     angular_residual,
@@ -84,27 +84,27 @@ def ray_diagnostics(
 
     Source: paper, Eq. sigma and Sec. "Selecting pedestrian positions".
     """
-    rows = np.maximum(groups.member, 0)
     axes = np.asarray(views.matrix)[:, :, :3]
     inverse = np.linalg.inv(axes)
     cameras = slice(len(views.registered))
     place = np.asarray(views.matrix)[cameras, :, 3]
     origins = -np.einsum("cij,cj->ci", inverse[cameras], place)
-    foot = np.stack([boxes.edges[:, 0], boxes.edges[:, 2], np.ones(len(boxes.edges))], -1)
-    direction = np.einsum("nij,nj->ni", inverse[boxes.view], foot)
-    # The visible foot is nearer than the body: on the ground, the ray moves outward by as much.
-    height, away = origins[boxes.camera, 2], np.linalg.norm(direction[:, :2], axis=-1)
-    down = (direction[:, 2] < 0) & (away > 0)
-    ahead = -FOOT_AHEAD * direction[:, 2] / (height * np.where(down, away, 1.0))
-    direction[:, :2] *= 1 + np.where(down, ahead, 0.0)[:, None]
-    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    angle = np.asarray(measured.noise)[:, 2] / np.asarray(views.focal)[boxes.view]
-    usable = boxes.valid & np.asarray(measured.used)[:, 2] & (angle > 0)
-    weight = np.where(usable, 1 / np.where(usable, angle, 1) ** 2, 0.0)
-    weights = np.where(groups.member >= 0, weight[rows], 0.0)
-    diagnostics = in_blocks(
-        _diagnose,
-        (np.broadcast_to(origins, (*rows.shape, 3)), direction[rows], weights),
-        BLOCK,
-    )
-    return RayDiagnostics(*diagnostics)
+
+    def diagnose(member: Int[np.ndarray, "group cam"]) -> tuple[Array, Array, Array]:
+        row = np.maximum(member, 0)
+        edges, view = boxes.edges[row], boxes.view[row]
+        foot = np.stack([edges[..., 0], edges[..., 2], np.ones(row.shape)], -1)
+        direction = np.einsum("gcij,gcj->gci", inverse[view], foot)
+        # The visible foot is nearer than the body: on the ground, the ray moves outward by as much.
+        height = origins[boxes.camera[row], 2]
+        away = np.linalg.norm(direction[..., :2], axis=-1)
+        down = (direction[..., 2] < 0) & (away > 0)
+        ahead = -FOOT_AHEAD * direction[..., 2] / (height * np.where(down, away, 1.0))
+        direction[..., :2] *= 1 + np.where(down, ahead, 0.0)[..., None]
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        angle = np.asarray(measured.noise)[row, 2] / np.asarray(views.focal)[view]
+        usable = (member >= 0) & boxes.valid[row] & np.asarray(measured.used)[row, 2] & (angle > 0)
+        weights = np.where(usable, 1 / np.where(usable, angle, 1) ** 2, 0.0)
+        return _diagnose(np.broadcast_to(origins, direction.shape), direction, weights)
+
+    return RayDiagnostics(*in_blocks(diagnose, (groups.member,), BLOCK))

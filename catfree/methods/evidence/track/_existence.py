@@ -163,9 +163,9 @@ def clutter_at(
     ratio = (other + 1) / (person + 1)
     c, i, j = np.unravel_index(cell, counts.shape[1:])
     around = np.pad(counts, ((0, 0), (0, 0), (1, 1), (1, 1)))
-    down, aside = np.indices((3, 3)).reshape(2, 9, 1)
-    place = np.ravel_multi_index((c, i + down, j + aside), around.shape[1:])
-    near = around.reshape(2, -1)[:, place].sum(1)
+    near = np.zeros((2, len(cell)))
+    for down, aside in np.ndindex(3, 3):
+        near += around[:, c, i + down, j + aside]
     pseudo = settings.clutter_pseudo_counts
     smooth = (near[1] + pseudo * ratio[c]) / (near[0] + pseudo)
     return np.clip(smooth, *settings.clutter_range)

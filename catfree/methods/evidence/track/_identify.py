@@ -143,8 +143,8 @@ def nodes_of(
     vector[:, :3] = np.linalg.solve(wider, small_vector[..., None])[..., 0]
     look, boxes = np.zeros((len(rows), 0)), np.zeros(len(rows), int)
     if looks is not None:
-        look = np.where(is_detected[:, None], looks.total[group], 0.0)
-        boxes = np.where(is_detected, looks.count[group], 0)
+        look, boxes = looks.total[group], looks.count[group]
+        look[~is_detected], boxes[~is_detected] = 0, 0
     return Nodes(trails.frame[rows], matrix, vector, look, boxes)
 
 

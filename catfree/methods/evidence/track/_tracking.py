@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import jax
@@ -182,10 +181,6 @@ class Alone(NamedTuple):
         """New people of these boxes; `density` and `spread` as in `follow`."""
         return cls(log_evidence(info, density, spread), *mean_and_covariance(info, spread))
 
-    def rows(self, rows: Int[np.ndarray, " n"] | slice) -> "Alone":
-        """Select some of the groups."""
-        return Alone(self.evidence[rows], self.mean[rows], self.covariance[rows])
-
 
 def log_likelihood_of_states(
     mean: Float[np.ndarray, "*#t n"],
@@ -264,14 +259,14 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
     time, looks = population.time, population.looks
     likely = np.flatnonzero(log_odds > -population.settings.evidence_limit / 2)
     bounds = np.searchsorted(groups.frame[likely], np.arange(len(time) + 1))
-    info = groups.info[likely]
-    alone = Alone.of(info, population.density, population.spread)
     heads = no_heads(0 if looks is None else looks.total.shape[1])
     history = []
     for t in range(len(time)):
-        rows = slice(bounds[t], bounds[t + 1])
+        rows = likely[bounds[t] : bounds[t + 1]]
+        info = groups.info[rows]
+        alone = Alone.of(info, population.density, population.spread)
         step = float(time[t] - time[t - 1]) if t else 0.0
-        node, heads = link(heads, info[rows], alone.rows(rows), likely[rows], step, population)
+        node, heads = link(heads, info, alone, rows, step, population)
         history.append(node)
     return smooth(history, time, population.motion)
 
@@ -422,29 +417,38 @@ def smooth(
         motion: the motion model.
         ended: whether tracks end with their last group; otherwise with the last frame.
     """
-    frame = np.repeat(np.arange(len(history)), [len(node.track) for node in history])
-    # One column after the other, because the unsorted covariances of a day fill the memory.
-    columns = (np.concatenate(column) for column in zip(*history, strict=True))
-    track, group = next(columns), next(columns)
+    track, group = (np.concatenate([node[part] for node in history]) for part in (0, 1))
+    first = np.cumsum([0, *(len(node.track) for node in history)])
+    frame = np.repeat(np.arange(len(history)), np.diff(first))
     order = np.lexsort((frame, track))
     if ended:
         last_seen = np.full(track.max(initial=-1) + 1, -1)
         np.maximum.at(last_seen, track[group >= 0], frame[group >= 0])
         order = order[frame[order] <= last_seen[track[order]]]
-    mean, cov, expected_mean, expected_cov = (column[order] for column in columns)
-    trails = Trails(track[order], frame[order], group[order], mean, cov)
-    # Each row but the last of its track is smoothed with the next one.
-    early = np.flatnonzero(np.diff(trails.track) == 0)
-    early = early[np.argsort(trails.frame[early], kind="stable")]
-    bounds = np.searchsorted(trails.frame[early], np.arange(len(history)))
-    for (begin, end), dt in list(zip(pairwise(bounds), np.diff(time), strict=True))[::-1]:
-        earlier, later = early[begin:end], early[begin:end] + 1
-        A = transition(motion, float(dt))[0]
-        G = trails.covariance[earlier] @ A.T @ np.linalg.inv(expected_cov[later])
-        more_mean = trails.mean[later] - expected_mean[later]
-        more_cov = trails.covariance[later] - expected_cov[later]
-        trails.mean[earlier] += np.einsum("tij,tj->ti", G, more_mean)
-        trails.covariance[earlier] += G @ more_cov @ G.transpose(0, 2, 1)
+    rows = len(order)
+    row_of = np.full(len(track), -1)
+    row_of[order] = np.arange(rows)
+    trails = Trails(
+        track[order], frame[order], group[order], np.empty((rows, 5)), np.empty((rows, 5, 5))
+    )
+    goes_on = np.append(np.diff(trails.track) == 0, False)
+    # Each row but the last of its track is smoothed with the next one, which is final by then.
+    for t in range(len(history) - 1, -1, -1):
+        row = row_of[first[t] : first[t + 1]]
+        present = row >= 0
+        row = row[present]
+        mean, covariance = history[t].mean[present], history[t].covariance[present]
+        early = goes_on[row]
+        if early.any():
+            later, next_row = history[t + 1], row[early] + 1
+            at = np.searchsorted(later.track, trails.track[next_row])
+            A = transition(motion, float(time[t + 1] - time[t]))[0]
+            G = covariance[early] @ A.T @ np.linalg.inv(later.predicted_covariance[at])
+            more_mean = trails.mean[next_row] - later.predicted_mean[at]
+            more_cov = trails.covariance[next_row] - later.predicted_covariance[at]
+            mean[early] += np.einsum("tij,tj->ti", G, more_mean)
+            covariance[early] += G @ more_cov @ G.transpose(0, 2, 1)
+        trails.mean[row], trails.covariance[row] = mean, covariance
     return trails
 
 
