@@ -417,7 +417,8 @@ def smooth(
         motion: the motion model.
         ended: whether tracks end with their last group; otherwise with the last frame.
     """
-    track, group = (np.concatenate([node[part] for node in history]) for part in (0, 1))
+    track = np.concatenate([node.track for node in history])
+    group = np.concatenate([node.group for node in history])
     first = np.cumsum([0, *(len(node.track) for node in history)])
     frame = np.repeat(np.arange(len(history)), np.diff(first))
     order = np.lexsort((frame, track))
@@ -441,7 +442,7 @@ def smooth(
         early = goes_on[row]
         if early.any():
             later, next_row = history[t + 1], row[early] + 1
-            at = np.searchsorted(later.track, trails.track[next_row])
+            at = np.searchsorted(later.track, trails.track[next_row])  # which ascend in a frame
             A = transition(motion, float(time[t + 1] - time[t]))[0]
             G = covariance[early] @ A.T @ np.linalg.inv(later.predicted_covariance[at])
             more_mean = trails.mean[next_row] - later.predicted_mean[at]
