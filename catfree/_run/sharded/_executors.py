@@ -21,7 +21,7 @@ from catfree._run._worker import (
 from catfree._run.sharded._join import join_shards
 from catfree._run.sharded._receipt import recording_folder, remove_beyond
 from catfree._run.sharded._run_shard import run_shard
-from catfree._run.sharded._shard import Shard
+from catfree._run.sharded._shard import Shard, recording_name
 from catfree._run.sharded._stored_tracks import StoredTracks
 from catfree.adapters.files._documents import StrPath
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
@@ -255,5 +255,5 @@ def _scene_of(scene: Scene | Mapping[str, Scene], site: str) -> Scene:
 
 
 def _reason(site: str, date: str, error: CatFreeError) -> str:
-    where = " ".join(part for part in (site, date) if part)
+    where = recording_name(site, date)
     return f"{where}: {error}" if where not in str(error) else str(error)

@@ -30,6 +30,11 @@ from catfree.types._validation import as_duration, as_path, as_pictures, as_posi
 MOST_SHARDS = 1_000_000
 
 
+def recording_name(site: str, date: str) -> str:
+    """Return site and date of a recording, as far as it has them, for messages."""
+    return f"{site} {date}".strip()
+
+
 @dataclass(frozen=True, eq=False)
 class Shard:
     """A stretch of a recording: small, picklable, and independent of all others.
@@ -74,7 +79,7 @@ class Shard:
     @property
     def name(self) -> str:
         """For messages: `shard 17 of 144`, with site and date if there are any."""
-        where = " ".join(part for part in (self.site, self.date) if part)
+        where = recording_name(self.site, self.date)
         return f"shard {self.index} of {self.count}" + (f" ({where})" if where else "")
 
     @property

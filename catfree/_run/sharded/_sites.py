@@ -23,6 +23,7 @@ from catfree._run.sharded._shard import (
     boxes_of_shard,
     open_recording,
     open_shard_videos,
+    recording_name,
     require_folder_name,
     shards,
     silent_pictures,
@@ -179,7 +180,7 @@ def run_sites(
                     site=site.name, date=site.date, camera_names=camera_names.get(site.name),
                 )  # fmt: skip
             except CatFreeError as error:
-                reasons.append(f"{site.name} {site.date}".strip() + f": {error}")
+                reasons.append(f"{recording_name(site.name, site.date)}: {error}")
                 cause = error
         finished: tuple[StoredTracks, ...] = ()
         if plan:
