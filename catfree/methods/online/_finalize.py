@@ -15,6 +15,7 @@ from catfree.methods.evidence.report._working_area import UsualPlace
 from catfree.methods.evidence.track._identify import (
     HORIZON,
     AbsenceHabits,
+    ChainBoxes,
     extend,
     futures_of,
     later,
@@ -245,16 +246,9 @@ def _identify(
     at = [np.arange(a, b) for a, b in itertools.pairwise(bounds)]
     steps = [transition(motion, float(dt)) for dt in np.diff(population.time[frame:])]
     future = futures_of(at, nodes, chain, steps)[0]
-    look = np.zeros((len(track), dim))
-    np.add.at(look, chain, nodes.look)
-    boxes = np.bincount(chain, nodes.boxes, len(track)).astype(int)
-    detected_times = np.bincount(chain, nodes.boxes > 0, len(track)).astype(int)
-    habits = _habits(learned.habits)
-    k = future.chain
+    ahead = ChainBoxes.of(nodes, chain, len(track)).at(future.chain)
     past_of = np.full(len(track), -1)
-    past_of[k] = match_chains(
-        pasts, future, look[k], boxes[k], detected_times[k], habits, population
-    )
+    past_of[future.chain] = match_chains(pasts, future, ahead, _habits(learned.habits), population)
     frame_nodes = at[0]
     linked = past_of[chain[frame_nodes]]
     numbers = track[chain[frame_nodes]]

@@ -213,6 +213,38 @@ def estimate_walk(
     )
 
 
+class ChainBoxes(NamedTuple):
+    """The boxes of each chain's positions.
+
+    Attributes:
+        look: (K, D) sum of their embeddings.
+        boxes: (K,) their number.
+        sightings: (K,) number of positions with a box.
+    """
+
+    look: Float[np.ndarray, "k dim"]
+    boxes: Int[np.ndarray, " k"]
+    sightings: Int[np.ndarray, " k"]
+
+    @classmethod
+    def of(cls, nodes: Nodes, chain: Int[np.ndarray, " n"], chains: int) -> "ChainBoxes":
+        """Boxes of N positions; `chain` (N,) names one of `chains` for each of them."""
+        look = np.zeros((chains, nodes.look.shape[1]))
+        np.add.at(look, chain, nodes.look)
+        boxes = np.bincount(chain, nodes.boxes, chains).astype(int)
+        return cls(look, boxes, np.bincount(chain, nodes.boxes > 0, chains).astype(int))
+
+    def at(self, chains: Int[np.ndarray, " k"]) -> "ChainBoxes":
+        """Some of the chains."""
+        return ChainBoxes(*(part[chains] for part in self))
+
+    def subtract(self, nodes: Nodes, chain: Int[np.ndarray, " n"]) -> None:
+        """Take away positions of different chains, in place."""
+        self.look[chain] -= nodes.look
+        self.boxes[chain] -= nodes.boxes
+        self.sightings[chain] -= nodes.boxes > 0
+
+
 class Futures(NamedTuple):
     """Chains from one frame on: the chain of each, its information, and frames until it is seen."""
 
@@ -287,21 +319,15 @@ def sweep(
     steps = [kinds[dt] for dt in np.diff(population.time).tolist()]
     futures = futures_of(at, nodes, chain, steps)
     pasts = no_pasts(nodes.look.shape[1])
-    chains = chain.max() + 1
-    # Of each chain's future.
-    look = np.zeros((chains, nodes.look.shape[1]))
-    np.add.at(look, chain, nodes.look)
-    boxes = np.bincount(chain, nodes.boxes, chains).astype(int)
-    sightings = np.bincount(chain, nodes.boxes > 0, chains).astype(int)
+    chains = int(chain.max()) + 1
+    ahead = ChainBoxes.of(nodes, chain, chains)
     names, count = np.zeros(len(chain), int), 0
     place = np.full(chains, -1)
     for t, future in enumerate(futures):
         if t:
             pasts = later(pasts, *steps[t - 1])
         name = future.chain
-        past = match_chains(
-            pasts, future, look[name], boxes[name], sightings[name], habits, population
-        )
+        past = match_chains(pasts, future, ahead.at(name), habits, population)
         rows = at[t]
         place[name] = np.arange(len(name))
         linked = past[place[chain[rows]]]
@@ -310,9 +336,7 @@ def sweep(
         names[rows[new]] = count + np.arange(new.sum())
         count += int(new.sum())
         pasts = extend(pasts, linked, names[rows], nodes.at(rows), population)
-        look[chain[rows]] -= nodes.look[rows]
-        boxes[chain[rows]] -= nodes.boxes[rows]
-        sightings[chain[rows]] -= nodes.boxes[rows] > 0
+        ahead.subtract(nodes.at(rows), chain[rows])
     return names
 
 
@@ -356,9 +380,7 @@ def _new_person(population: Population) -> tuple[np.ndarray, np.ndarray]:
 def match_chains(
     pasts: Pasts,
     future: Futures,
-    look: Float[np.ndarray, "k dim"],
-    boxes: Int[np.ndarray, " k"],
-    sightings: Int[np.ndarray, " k"],
+    ahead: ChainBoxes,
     habits: AbsenceHabits,
     population: Population,
 ) -> Int[np.ndarray, " k"]:
@@ -367,9 +389,7 @@ def match_chains(
     Args:
         pasts: the chains up to the frame before, predicted for this one.
         future: (K) the chains from this frame on.
-        look: (K, D) sum of the embeddings of their boxes.
-        boxes: (K,) number of these.
-        sightings: (K,) number of their positions with a box.
+        ahead: (K) their boxes.
         habits: rates of leaving and hiding.
         population: what is the same for all chains.
 
@@ -405,8 +425,9 @@ def match_chains(
     gain[i, j] = np.logaddexp(*same) - value[j] - surprise[i, j]
     if population.looks is not None:
         # A whole future counts like one usual position of it: its errors are common.
-        each = boxes / np.maximum(sightings, 1)
-        gain[i, j] += population.looks.compare(pasts.look, pasts.boxes, look, boxes, each)[i, j]
+        each = ahead.boxes / np.maximum(ahead.sightings, 1)
+        ratio = population.looks.compare(pasts.look, pasts.boxes, ahead.look, ahead.boxes, each)
+        gain[i, j] += ratio[i, j]
     rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
     good = gain[rows, columns] > 0
     past[columns[good]] = rows[good]
