@@ -331,7 +331,7 @@ def draw_pictures(
     if localization.thresholds.tau_sigma is not None:
         gates = plot_gates(localization, scene, suppression_radius=suppression_radius)
         figures["gates.png"] = gates[0].figure
-    return [_save(figure, root / name) for name, figure in figures.items()]
+    return [save_figure(figure, root / name) for name, figure in figures.items()]
 
 
 def draw_heat_map(path: str | os.PathLike[str], heat: HeatMap, scene: Scene) -> Path:
@@ -351,10 +351,11 @@ def draw_heat_map(path: str | os.PathLike[str], heat: HeatMap, scene: Scene) -> 
     from catfree.viz.plots._axes import figure_of
     from catfree.viz.plots._heat_map_plot import plot_heat_map
 
-    return _save(figure_of(plot_heat_map(heat, unit=length_unit(scene))), Path(path))
+    return save_figure(figure_of(plot_heat_map(heat, unit=length_unit(scene))), Path(path))
 
 
-def _save(figure: "Figure", path: Path) -> Path:
+def save_figure(figure: "Figure", path: Path) -> Path:
+    """Write a figure as PNG, and close it."""
     from catfree.viz.plots._axes import require_pyplot
 
     try:

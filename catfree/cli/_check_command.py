@@ -161,7 +161,7 @@ def write_check_page(
     """
     from catfree._run._report import describe_acceptance, describe_warnings
     from catfree.errors import CatFreeError
-    from catfree.types._writing import make_folder, replacing
+    from catfree.types._writing import make_folder
     from catfree.viz.page._blocks import (
         Block,
         Heading,
@@ -197,15 +197,12 @@ def write_check_page(
         covered = None
     blocks += describe_acceptance(outcome, covered)
     if covered is not None and importlib.util.find_spec("matplotlib") is not None:
-        from matplotlib.figure import Figure
-
+        from catfree._run._result_folder import save_figure
         from catfree.viz import plot_coverage
+        from catfree.viz.plots._axes import figure_of
 
-        figure = Figure(figsize=(7, 7))
-        axes = figure.add_subplot()
-        plot_coverage(covered, outcome.scene, ax=axes, camera_names=outcome.camera_names)
-        with replacing(folder / "coverage.png") as stream:
-            figure.savefig(stream, format="png")
+        axes = plot_coverage(covered, outcome.scene, camera_names=outcome.camera_names)
+        save_figure(figure_of(axes), folder / "coverage.png")
         blocks.append(Picture("coverage.png", "expected uncertainty over the ground"))
     return write_blocks(folder, blocks)[1]
 

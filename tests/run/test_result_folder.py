@@ -146,7 +146,7 @@ def test_gates_are_drawn_in_the_radius_of_the_run(tmp_path, monkeypatch):
     settings, shown = replace(settings, selection=wide), []
     found = localize(world.detections, world.scene, settings)
     monkeypatch.setattr(
-        "catfree._run._result_folder._save", lambda figure, path: shown.append(figure) or path
+        "catfree._run._result_folder.save_figure", lambda figure, path: shown.append(figure) or path
     )
     outcome = RunOutcome(found, world.detections, world.scene, None, NAMES, np.arange(8))
     write_results(tmp_path, outcome, settings)
