@@ -335,8 +335,9 @@ def sweep(
         names[rows[~new]] = pasts.name[linked[~new]]
         names[rows[new]] = count + np.arange(new.sum())
         count += int(new.sum())
-        pasts = extend(pasts, linked, names[rows], nodes.at(rows), population)
-        ahead.subtract(nodes.at(rows), chain[rows])
+        seen = nodes.at(rows)
+        pasts = extend(pasts, linked, names[rows], seen, population)
+        ahead.subtract(seen, chain[rows])
     return names
 
 
