@@ -35,6 +35,8 @@ class CalibrationSettings(CheckedSettings):
         focal_shares: focal lengths to try, as shares of the longer image side (90, 71, 58 degrees
             of view).
         focal_log_sd: spread of log focal around the middle of `focal_shares`, a weak prior.
+        focal_spread: standard deviation of the log focal length of a camera around those of the
+            other cameras of its site, where it is placed among them.
         roll_sd: weak prior that cameras are mounted upright.
         maximum_frames: longer sequences are evenly subsampled to this many frames.
         voting_frames: number of frames used for voting.
@@ -47,8 +49,6 @@ class CalibrationSettings(CheckedSettings):
         match_gate: largest squared Mahalanobis distance of a match (99 % of a chi-square with 2
             degrees of freedom).
         seed_pairs: number of pairs refined as seeds.
-        shared_focal_spread: the cameras share one focal length if their median log ratio is below
-            this.
         shared_focal_sd: standard deviation of log focal lengths of cameras of one kind.
         free_focal_gain: share of the cost per person that one focal length per camera must save in
             the search for the cameras; the refinement learns how much focal lengths differ.
@@ -84,6 +84,7 @@ class CalibrationSettings(CheckedSettings):
             "person_height_sd",
             "focal_shares",
             "focal_log_sd",
+            "focal_spread",
             "roll_sd",
             "maximum_frames",
             "voting_frames",
@@ -112,6 +113,7 @@ class CalibrationSettings(CheckedSettings):
     border: float = 0.003
     focal_shares: tuple[float, ...] = (0.5, 0.7, 0.9)
     focal_log_sd: float = 0.5
+    focal_spread: float = 0.1
     roll_sd: float = 0.15
     maximum_frames: int = 300
     voting_frames: int = 36
@@ -123,7 +125,6 @@ class CalibrationSettings(CheckedSettings):
     detection_rates: tuple[float, float] = (0.3, 0.9)
     match_gate: float = 9.21
     seed_pairs: int = 6
-    shared_focal_spread: float = 0.10
     shared_focal_sd: float = 0.003
     free_focal_gain: float = 0.05
     bent_lenses: tuple[float, ...] = (-0.15, -0.3)

@@ -208,7 +208,7 @@ def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
     """Convert the cameras of a finished rig to a `RigState`."""
     rig = calibration.scene.rig
     tolerance = np.full(rig.camera_count, RANGE_ERRORS[-1])
-    return RigState(of_rig(rig), tolerance, calibration.shared_focal)
+    return RigState(of_rig(rig), tolerance)
 
 
 def _with_cameras(

@@ -156,11 +156,9 @@ def _register_bent(
         except CalibrationError as error:
             refusal = refusal or error
             continue
-        if best is None or (
-            registered.accepted > best[1].accepted and registered.evidence > best[1].evidence
-        ):
+        if best is None or all(np.greater(registered.quality, best[1].quality)):
             best = work, registered
-        if best[1].accepted >= min(FEWEST_FOR_LENSES, work.useful.sum()):
+        if best[1].quality[0] >= min(FEWEST_FOR_LENSES, work.useful.sum()):
             break
     if best is None:
         assert refusal is not None
@@ -293,7 +291,7 @@ def describe_registration(
         camera_covariance=bundle.camera_covariance(),
         distortion_sd=np.where(trusted, bundle.k1_sd, np.nan),
         center_covariance=np.where(trusted[:, None, None], bundle.center_covariance, np.nan),
-        shared_focal=state.shared_focal,
+        shared_focal=registered.shared_focal,
         scale_sd=np.hypot(
             np.sqrt(scale_variance(parameters, bundle.camera_covariance(), trusted)),
             crowd_sd / work.settings.person_height,

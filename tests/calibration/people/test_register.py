@@ -171,6 +171,29 @@ def test_focal_lengths_that_differ_a_little_are_drawn_to_their_mean(world, recov
     assert np.abs(np.log(ratio) - np.log(ratio).mean()).max() < 0.05
 
 
+def test_a_camera_with_a_wider_lens_is_placed(world, recovered):
+    boxes, _, focal = enlarged(world, recovered[0], 0.7)
+    found = register(boxes, SIZE)
+    assert found.scene.rig.registered.all()
+    assert not found.shared_focal
+    ratio = np.asarray(found.scene.rig.K)[:, 0, 0] / focal
+    np.testing.assert_allclose(ratio / np.median(ratio), 1, atol=0.1)
+    error, _, _ = center_errors(found, world.true_centres)
+    assert error.max() < 0.5
+
+
+def test_two_cameras_are_enough(world):
+    two = world.detections[world.detections.camera < 2]
+    found = register(two, SIZE)
+    assert found.scene.rig.registered.tolist() == [True, True]
+    assert (found.log_likelihood_ratio > RULES.minimum_margin).all()
+    apart, truly_apart = (
+        np.linalg.norm(np.subtract(*centers[:2]))
+        for centers in (np.asarray(found.scene.rig.centers), world.true_centres)
+    )
+    np.testing.assert_allclose(apart, truly_apart, rtol=0.1)
+
+
 def test_a_shuffled_camera_is_flagged(world):
     rng = np.random.default_rng(0)
     frames = np.unique(world.detections.frame)
@@ -240,12 +263,14 @@ def test_one_person_makes_no_rig_to_be_trusted():
         detector=DetectorModel(pixel_noise=3.0, embedding_size=0, false_positives=0.0),
     )
     found = register(world.detections, SIZE)
-    # Two cameras agree on the one person, but a single path can be seen through any lens: one focal
-    # length comes out at less than a third of the truth, and its stated deviation tells.
-    one, other = np.flatnonzero(found.scene.rig.registered)
-    with pytest.raises(
-        CalibrationError, match=rf"too uncertain.*camera {one} to \d+ %, camera {other} to \d+ %"
-    ):
+    # A single path can be seen through many lenses: the stated deviations tell.
+    registered = np.flatnonzero(found.scene.rig.registered)
+    focal, true_focal = (np.asarray(rig.K)[:, 0, 0] for rig in (found.scene.rig, world.true_rig))
+    deviation = found.focal_sd / focal
+    error = np.log(focal / true_focal)[registered]
+    assert (np.abs(error) < 2 * deviation[registered]).all()
+    each = ", ".join(rf"camera {c} to \d+ %" for c in registered)
+    with pytest.raises(CalibrationError, match=rf"too uncertain.*{each}"):
         without_vague_cameras(found, RULES)
 
 

@@ -10,13 +10,18 @@ from catfree.calibration.people.adjustment._people_bundle import (
     BoxMeasurements,
     BundleResult,
     adjust_people_bundle,
+    saves,
     weak_prior,
 )
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import People, RigState, group_people
 from catfree.calibration.people.matching._verdict import PlacementVerdict
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
+
+MOST_PEOPLE = 2500  # in an adjustment, spread evenly over the frames
+MOST_STEPS = 10  # of an adjustment
 
 
 @dataclass(frozen=True)
@@ -26,39 +31,30 @@ class AdjustedRig:
     Attributes:
         state: the rig.
         bundle: the last adjustment.
+        shared_focal: whether all cameras have one focal length in it.
         verdicts: of the cameras that were judged since.
     """
 
     state: RigState
     bundle: BundleResult
+    shared_focal: bool
     verdicts: dict[int, PlacementVerdict] = field(default_factory=dict)
 
     @property
     def quality(self) -> tuple[int, float]:
-        """Number of placed cameras, and the sum of their evidence above chance."""
-        margins = sum((verdict.margin for verdict in self.verdicts.values()), 0.0)
-        return int(self.state.placed.sum()), margins
-
-    @property
-    def accepted(self) -> int:
-        """Number of cameras that can be trusted."""
-        return sum(verdict.accepted for verdict in self.verdicts.values())
-
-    @property
-    def evidence(self) -> float:
-        """Sum of the evidence above chance of all cameras that can be trusted."""
-        return sum(v.margin for v in self.verdicts.values() if v.accepted)
+        """Number of cameras that can be trusted, and the sum of their evidence above chance."""
+        margins = [verdict.margin for verdict in self.verdicts.values() if verdict.accepted]
+        return len(margins), float(sum(margins))
 
 
 def measure_people(
-    grid: BoxGrid, people: People, most: int
+    grid: BoxGrid, people: People
 ) -> tuple[BoxMeasurements, Float[np.ndarray, "person 3"]] | None:
     """Select the boxes of people with several views, and their initial positions.
 
     Args:
         grid: all boxes.
         people: the grouping of the boxes.
-        most: maximum number of people, spread evenly over the frames.
 
     Returns:
         The boxes, and ground positions and heights (P, 3) in meters; None if there are no people.
@@ -66,7 +62,7 @@ def measure_people(
     time, slot = np.nonzero((people.members >= 0).sum(-1) >= 2)
     if not len(time):
         return None
-    time, slot = evenly_spread(time, most), evenly_spread(slot, most)
+    time, slot = evenly_spread(time, MOST_PEOPLE), evenly_spread(slot, MOST_PEOPLE)
     members = people.members[time, slot]
     person, camera = np.nonzero(members >= 0)
     at = (camera, time[person], members[person, camera])
@@ -76,24 +72,15 @@ def measure_people(
     return data, np.column_stack([ground.xy[time, slot], ground.height[time, slot]])
 
 
-def alternate(
-    grid: BoxGrid,
-    state: RigState,
-    settings: CalibrationSettings,
-    *,
-    tolerances: tuple[float, ...],
-    most_people: int = 2500,
-    iterations: int = 10,
-) -> AdjustedRig:
-    """Group people and adjust the rig, once per range tolerance.
+def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> AdjustedRig:
+    """Group people and adjust the rig, once per range error, the largest first.
+
+    All cameras have one focal length, unless one per camera saves enough.
 
     Args:
         grid: all boxes.
         state: the initial rig.
         settings: constants.
-        tolerances: range tolerances of the rounds, for all cameras.
-        most_people: maximum number of people used.
-        iterations: maximum number of steps per adjustment.
 
     Returns:
         The adjusted rig.
@@ -102,23 +89,28 @@ def alternate(
         CalibrationError: if no person is seen by two cameras.
     """
     middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
-    bundle = None
-    for tolerance in tolerances:
+    bundle, is_shared = None, True
+    for tolerance in RANGE_ERRORS:
         limited = replace(state, range_tolerance=np.full(grid.camera_count, tolerance))
         people = group_people(grid, limited, settings)
-        measured = measure_people(grid, people, most_people)
+        measured = measure_people(grid, people)
         if measured is None:
             break
         data, start = measured
-        bundle = adjust_people_bundle(
-            data,
-            state.parameters,
-            start,
-            weak_prior(data.camera, state.parameters, middle, settings),
-            settings,
-            focal_spread=settings.shared_focal_sd if state.shared_focal else np.inf,
-            iterations=iterations,
+        shared, separate = (
+            adjust_people_bundle(
+                data,
+                state.parameters,
+                start,
+                weak_prior(data.camera, state.parameters, middle, settings),
+                settings,
+                focal_spread=spread,
+                iterations=MOST_STEPS,
+            )
+            for spread in (settings.shared_focal_sd, np.inf)
         )
+        is_shared = not saves(shared, separate, settings.free_focal_gain)
+        bundle = shared if is_shared else separate
         parameters = np.where(np.isfinite(bundle.parameters), bundle.parameters, state.parameters)
         state = replace(limited, parameters=parameters)
     if bundle is None:
@@ -126,4 +118,4 @@ def alternate(
         raise CalibrationError(
             f"Cameras {cameras} cannot be adjusted together: no person is seen by two of them."
         )
-    return AdjustedRig(state, bundle)
+    return AdjustedRig(state, bundle, is_shared)

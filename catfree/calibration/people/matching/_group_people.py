@@ -19,12 +19,10 @@ class RigState:
     Attributes:
         parameters: (C, 7) cameras; NaN where not placed.
         range_tolerance: (C,) fraction of the range by which each camera's map may be wrong.
-        shared_focal: whether all cameras have one focal length.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
     range_tolerance: Float[np.ndarray, " cam"]
-    shared_focal: bool
 
     @property
     def placed(self) -> Bool[np.ndarray, " cam"]:

@@ -25,7 +25,6 @@ from catfree.types._sampling import frame_step
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
 CLIMB = 2  # shifts tried on either side of the best
-KNOWN_FOCAL_SD = 0.05  # of log focal length, which the rig has already determined
 
 
 def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detections:
@@ -103,7 +102,7 @@ def _offset_of_placed(
             camera,
             [(work.grid.shifted(camera, -s), state.parameters[camera]) for s in untried],
             others,
-            log_focal=(log_focal, KNOWN_FOCAL_SD),
+            log_focal=(log_focal, work.settings.focal_spread),
             tolerance=RANGE_ERRORS[2],
         )
         for shift, one in zip(untried, judged, strict=True):
@@ -148,7 +147,7 @@ def offset_of_unplaced(
         camera,
         [(work.grid.shifted(camera, -shift), start) for _, shift, start in tried],
         people,
-        log_focal=(middle, settings.focal_log_sd),
+        log_focal=(middle, settings.focal_spread),
         tolerance=RANGE_ERRORS[2],
     )
     best = (0.0, 0)

@@ -24,8 +24,6 @@ from catfree.calibration.people.search._seed_pairs import PairHypothesis
 
 CANDIDATES = 4  # placements refined per camera
 FROM_VOTES, FROM_PAIRS = 12, 3  # likeliest placements from which these are chosen
-OTHER_FOCAL = 0.22  # of log focal length: lenses a quarter longer and shorter are tried, too
-SHARED_FOCAL_SD = 0.02  # of log focal length, where the rig has determined that of all cameras
 NEXT = 0.3  # of the largest margin; cameras above it join the rig together
 SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
@@ -54,15 +52,11 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
         for camera, (parameters, verdict) in candidates.items():
             if verdict.margin >= NEXT * leading:
                 state = state.with_camera(camera, parameters, RANGE_ERRORS[1])
-        grown = prune_rig(work, _refined(work, state))
+        grown = prune_rig(work, alternate(work.grid, state, work.settings))
         if grown.quality[0] <= rig.quality[0]:
             break
         rig = grown
     return rig
-
-
-def _refined(work: Workspace, state: RigState) -> AdjustedRig:
-    return alternate(work.grid, state, work.settings, tolerances=RANGE_ERRORS[1:3])
 
 
 def prune_rig(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
@@ -80,7 +74,7 @@ def prune_rig(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
         worst = weakest(verdicts)
         if worst is None:
             return replace(rig, verdicts=verdicts)
-        rig = _refined(work, rig.state.without_camera(worst))
+        rig = alternate(work.grid, rig.state.without_camera(worst), work.settings)
 
 
 def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
@@ -102,7 +96,7 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):
-            less = _refined(work, rig.state.without_camera(camera))
+            less = alternate(work.grid, rig.state.without_camera(camera), work.settings)
             less = replace(less, verdicts=judge_cameras(work, less.state))
             others = sum(v.margin for c, v in verdicts.items() if c != camera)
             if less.quality[1] > HARMFUL_GAIN * others:
@@ -156,7 +150,7 @@ def accepted_candidates(
         camera,
         [(work.scoring, start) for start in _candidates(work, state, camera, pairs, middle)],
         people,
-        log_focal=(middle, SHARED_FOCAL_SD if state.shared_focal else work.settings.focal_log_sd),
+        log_focal=(middle, work.settings.focal_spread),
         tolerance=RANGE_ERRORS[1],
     )
     return [one for one in judged if one is not None and one[1].accepted]
@@ -214,12 +208,10 @@ def _candidates(
     """Distinct placements of a camera, from votes against the rig's people and from pairs."""
     settings = work.settings
     people = group_people(work.voting, state, settings).ground
-    others = () if state.shared_focal else (middle - OTHER_FOCAL, middle + OTHER_FOCAL)
     votes = []
-    for log_focal in (middle, *others):
-        for plane in work.planes(camera, log_focal):
-            camera_map = work.local_map(work.voting, camera, plane)
-            votes += [(v, plane) for v in vote(people, camera_map, settings, 2)]
+    for plane in work.planes(camera, middle):
+        camera_map = work.local_map(work.voting, camera, plane)
+        votes += [(v, plane) for v in vote(people, camera_map, settings, 2)]
     votes.sort(key=lambda item: -item[0].score)
     starts = [placement.place(plane) for placement, plane in votes[:FROM_VOTES]]
     edges = [p for p in pairs if camera in p.cameras and state.placed[list(p.cameras)].sum() == 1]

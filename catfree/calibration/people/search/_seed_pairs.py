@@ -52,7 +52,7 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         count = work.grid.camera_count
         parameters = np.full((count, 7), np.nan)
         parameters[[one, two]] = p, q
-        return RigState(parameters, np.full(count, RANGE_ERRORS[0]), shared_focal=False)
+        return RigState(parameters, np.full(count, RANGE_ERRORS[0]))
 
     for share in settings.focal_shares:
         targets, sources = (
