@@ -96,8 +96,8 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):
-            less = alternate(work.grid, rig.state.without_camera(camera), work.settings)
-            less = replace(less, verdicts=judge_cameras(work, less.state))
+            state = rig.state.without_camera(camera)
+            less = prune_rig(work, alternate(work.grid, state, work.settings))
             others = sum(v.margin for c, v in verdicts.items() if c != camera)
             if less.quality[1] > HARMFUL_GAIN * others:
                 rig = less

@@ -1,13 +1,11 @@
 """Register all cameras: pairs, seeds, growth, and removal of wrong cameras."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from itertools import combinations
 
 from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
-from catfree.calibration.people.matching._verdict import judge_cameras
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._growth import drop_harmful, grow_rig
+from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
 from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
@@ -76,10 +74,9 @@ def _search_seeds(
 def _adjusted(work: Workspace, pair: PairHypothesis) -> AdjustedRig | None:
     """Adjust a pair; None if its cameras do not see the same people."""
     try:
-        seed = alternate(work.grid, pair.state, work.settings)
+        seed = prune_rig(work, alternate(work.grid, pair.state, work.settings))
     except CalibrationError:
         return None
-    seed = replace(seed, verdicts=judge_cameras(work, seed.state))
     return seed if seed.quality[0] else None
 
 
