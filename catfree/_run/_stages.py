@@ -24,7 +24,7 @@ from catfree.adapters.protocols import (
     Reconstructor,
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
-from catfree.calibration import Calibration, calibrate
+from catfree.calibration import Calibration
 from catfree.calibration._calibrate import begin_calibration, finish_calibration
 from catfree.calibration.people import Anchor, anchored, resolve_anchors
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
@@ -93,8 +93,6 @@ def calibrate_cameras(
         )
 
     def compute() -> Calibration:
-        if cache is None:
-            return calibrate(detections, size, settings, maximum_offset=maximum_offset, **options)
         # Registration and refinement take equally long: a killed run repeats only one of them.
         begun = remembered("registration", begin)
         return finish_calibration(begun, detections, settings, **options)

@@ -170,7 +170,7 @@ def test_cameras_are_calibrated_from_instants_that_all_show(tmp_path, monkeypatc
         given.append(detections)
         raise CalibrationError("that is enough")
 
-    monkeypatch.setattr(stages_module, "calibrate", note)
+    monkeypatch.setattr(stages_module, "begin_calibration", note)
     with pytest.raises(CalibrationError, match="that is enough"):
         run(folders, ReadsItsPicture(world.detections))
     assert given[0].frame.max() < FRAMES // 2
@@ -370,7 +370,7 @@ def test_the_calibration_gets_the_settings_of_the_run(pictures, monkeypatch):
         given.append((detections, settings))
         raise CalibrationError("pretended")
 
-    monkeypatch.setattr(stages_module, "calibrate", pretend)
+    monkeypatch.setattr(stages_module, "begin_calibration", pretend)
     detector = ReadsItsPicture(small_world().detections, score=0.5)
     rules = Settings(
         calibration_confidence=0.4,
@@ -515,7 +515,8 @@ def test_clock_offsets_are_removed_and_stated(pictures, monkeypatch):
         asked.append(options["maximum_offset"])
         return made_up_calibration([0, -10, 0])
 
-    monkeypatch.setattr(stages_module, "calibrate", pretend)
+    monkeypatch.setattr(stages_module, "begin_calibration", pretend)
+    monkeypatch.setattr(stages_module, "finish_calibration", lambda begun, *a, **k: begun)
     settings = Settings.paper()
     outcome = run_stages(
         pictures, ReadsItsPicture(world.detections), settings=settings, maximum_offset=12
