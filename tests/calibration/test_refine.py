@@ -50,11 +50,15 @@ def test_finds_the_minimum_that_scipy_finds():
     found = adjust(sightings, start, STILL, points, tie=CameraTie(), iterations=50)
     root = np.sqrt(sightings.weight)[..., None] / found.noise
     precision = np.sqrt(CameraTie().precision)
+    K, centers = np.asarray(start.K), np.asarray(start.centers)
 
     def residuals(state: np.ndarray) -> np.ndarray:
         step = state[:28].reshape(4, 7)
-        moved = moved_rig(start, step)
-        pixel = project_directions(moved, state[28:].reshape(-1, 1, 3) - moved.centers)
+        R = Rotation.from_rotvec(step[:, :3]).as_matrix() @ start.R
+        point = state[28:].reshape(-1, 1, 3) - centers - step[:, 3:6]
+        x, y, depth = np.einsum("cij,pcj->ipc", R, point)
+        ideal = np.stack([x, y], -1) / depth[..., None] * np.exp(step[:, 6, None])
+        pixel = np.einsum("cij,pcj->pci", K[:, :2, :2], ideal) + K[:, :2, 2]
         error = np.nan_to_num((sightings.pixel - pixel) * root)
         length = np.linalg.norm(error, axis=-1)
         k = HUBER
