@@ -39,8 +39,8 @@ class CalibrationSettings(CheckedSettings):
             other cameras of its site, where it is placed among them.
         roll_sd: weak prior that cameras are mounted upright.
         maximum_frames: longer sequences are evenly subsampled to this many frames.
-        voting_frames: number of frames used for voting.
-        scoring_frames: number of frames used to score pairs.
+        voting_frames: number of frames used to vote on placements and to compare many of them.
+        scoring_frames: number of frames used to compare few placements.
         voting_angle: bin width of the heading.
         voting_cell: bin width of the translation.
         voting_radius: pairs farther apart than this do not vote.

@@ -9,8 +9,6 @@ from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundM
 from catfree.calibration.people.cameras._single_view import fit_planes
 from catfree.settings import CalibrationSettings
 
-QUICK_FRAMES = 24  # frames used to compare many placements
-
 
 class Workspace:
     """Boxes of one sequence and quantities computed once from them.
@@ -27,8 +25,7 @@ class Workspace:
         useful: (C,) whether a camera has enough boxes to be placed.
         smallest: (C,) box height in pixels below which a camera hardly detects people:
             the 5 % quantile.
-        voting: frames used for voting on placements.
-        quick: frames used to compare many placements.
+        voting: frames used to vote on placements and to compare many of them.
         scoring: frames used to compare few placements.
     """
 
@@ -42,7 +39,7 @@ class Workspace:
                 for t, v in zip(tall, grid.valid, strict=True)
             ]
         )
-        self.voting, self.quick = grid.thinned(settings.voting_frames), grid.thinned(QUICK_FRAMES)
+        self.voting = grid.thinned(settings.voting_frames)
         self.scoring = grid.thinned(settings.scoring_frames)
         self._planes: dict[tuple[int, float], Float[np.ndarray, "plane 7"]] = {}
 

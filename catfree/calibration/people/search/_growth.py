@@ -24,7 +24,6 @@ from catfree.calibration.people.search._seed_pairs import PairHypothesis
 
 CANDIDATES = 4  # placements refined per camera
 FROM_VOTES, FROM_PAIRS = 12, 3  # likeliest placements from which these are chosen
-NEXT = 0.3  # of the largest margin; cameras above it join the rig together
 SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
@@ -41,17 +40,13 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
         The rig with the last verdicts.
     """
     while not rig.state.placed.all():
-        state, candidates = rig.state, {}
+        state = rig.state
         for camera in np.flatnonzero(~state.placed):
-            best = best_candidate(work, state, int(camera), pairs)
+            best = best_candidate(work, rig.state, int(camera), pairs)
             if best is not None:
-                candidates[int(camera)] = best
-        if not candidates:
+                state = state.with_camera(int(camera), best[0], RANGE_ERRORS[1])
+        if state is rig.state:
             break
-        leading = max(verdict.margin for _, verdict in candidates.values())
-        for camera, (parameters, verdict) in candidates.items():
-            if verdict.margin >= NEXT * leading:
-                state = state.with_camera(camera, parameters, RANGE_ERRORS[1])
         grown = prune_rig(work, alternate(work.grid, state, work.settings))
         if grown.quality[0] <= rig.quality[0]:
             break

@@ -66,7 +66,7 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
             votes = vote(target, source, settings, PLACEMENTS_PER_VOTE)
             found += [(placement.score, placement, p, q) for placement in votes]
     for grid, count, shifts in (
-        (work.quick, SHORTLIST, (0.5,)),
+        (work.voting, SHORTLIST, (0.5,)),
         (work.scoring, FINALISTS, settings.chance_shifts[1::2]),
     ):
         likeliest = sorted(found, key=lambda item: -item[0])[:count]
