@@ -452,7 +452,7 @@ def test_cameras_of_a_site_are_found_as_those_of_a_run_of_boxes(world, tmp_path,
         given.append((boxes, size, settings, options))
         raise CalibrationError("that is enough")
 
-    monkeypatch.setattr(_stages, "calibrate", find)
+    monkeypatch.setattr(_stages, "begin_calibration", find)
     boxes, silent = world.detections, np.array([[7, 1], [30, 0]])
     picture = np.column_stack([boxes.frame, boxes.camera])
     boxes = boxes[~(picture[:, None] == silent).all(-1).any(1)]
