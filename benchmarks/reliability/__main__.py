@@ -32,7 +32,7 @@ def main() -> int:
         parts = (
             ("fuzz", lambda p: fuzz(tally, p, options.seed, 5 if options.short else 760)),
             ("decay", lambda p: decay(tally, p, options.seed, 10 if options.short else 1200)),
-            ("attacks", lambda p: attack(tally, p, 6 if options.short else 60)),
+            ("attacks", lambda p: attack(tally, p)),
             ("names", lambda p: odd_names(tally, p, pictures=not options.short)),
             ("kills", lambda p: kill(tally, p, options.seed, 1 if options.short else 30)),
             ("shards", lambda p: kill_shards(tally, p, options.seed, 1 if options.short else 50)),

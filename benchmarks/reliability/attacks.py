@@ -26,6 +26,7 @@ from catfree.types._writing import ABANDONED_AFTER
 
 DEEP = 20_000
 DIGITS = b"9" * 5000
+PLACES = 60  # numbers of a file that are replaced, one at a time
 ROW = "attacks"
 ARCHIVES = (
     *("Detections.load", "Rig.load", "Scene.load", "Tracks.load", "TrackerState.load"),
@@ -41,13 +42,12 @@ class Bad:
         return os.mkdir, ("/tmp/catfree_reliability_pickle_ran",)
 
 
-def attack(tally: Tally, folder: Path, numbers: int) -> None:
+def attack(tally: Tally, folder: Path) -> None:
     """Try every attack.
 
     Args:
         tally: where the outcomes go.
         folder: an empty folder to work in.
-        numbers: of each file that are replaced, one at a time.
     """
     known = {reader.name: reader for reader in readers(0)}
     places: dict[str, Path] = {}
@@ -108,11 +108,11 @@ def attack(tally: Tally, folder: Path, numbers: int) -> None:
     for at, reader in enumerate(known.values()):
         place = folder / f"digits_{at}"
         place.mkdir()
-        _long_numbers(tally, reader, place, numbers)
+        _long_numbers(tally, reader, place)
     _around_files(tally, folder)
 
 
-def _long_numbers(tally: Tally, reader: Reader, place: Path, numbers: int) -> None:
+def _long_numbers(tally: Tally, reader: Reader, place: Path) -> None:
     """Put a number of 5000 digits in place of numbers of a reader's text files, then of all."""
     reader.write(place)
     for path in sorted(path for path in place.rglob("*") if path.is_file()):
@@ -120,12 +120,12 @@ def _long_numbers(tally: Tally, reader: Reader, place: Path, numbers: int) -> No
         if not is_text(content) or (reader.only and path.suffix not in reader.only):
             continue
         found = list(NUMBER.finditer(content))
-        chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), numbers)).astype(int))
+        chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), PLACES)).astype(int))
         attacks = [
             (f"number {at}", content[: found[at].start()] + DIGITS + content[found[at].end() :])
             for at in chosen
         ]
-        if len(found) <= numbers:
+        if len(found) <= PLACES:
             attacks.append(("all numbers", NUMBER.sub(DIGITS, content)))
         for what, changed in attacks:
             _replace(tally, reader, place, path, changed, f"5000 digits for {what}")
