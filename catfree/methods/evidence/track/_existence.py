@@ -9,7 +9,6 @@ from scipy.special import expit
 
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
-from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
@@ -66,18 +65,11 @@ def misses(rate: np.ndarray) -> np.ndarray:
     return np.log1p(-rate).sum(1)
 
 
-def cells_of_boxes(
-    member: Int[np.ndarray, "group cam"], measurements: Measurements, views: GroundViews
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Group, and cell in its camera's clutter map, of each of the n boxes of groups."""
-    group, camera = np.nonzero(member >= 0)
-    state = np.asarray(measurements.state)[member[group, camera]]
-    return group, clutter_cells(state, camera, views)
-
-
-def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> np.ndarray:
-    """Index of the 1 H0² cell of each box in its camera's ground frame."""
-    away = state[:, :2] - views.station[camera]
+def clutter_cells(
+    place: Float[np.ndarray, "n d"], camera: Int[np.ndarray, " n"], views: GroundViews
+) -> Int[np.ndarray, " n"]:
+    """Index of the 1 H0² cell of each place (y1, y2, ...) in its camera's ground frame."""
+    away = place[:, :2] - views.station[camera]
     ahead = views.heading[camera]
     forward = (away * ahead).sum(1)
     aside = away[:, 0] * ahead[:, 1] - away[:, 1] * ahead[:, 0]
@@ -89,7 +81,7 @@ def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> 
 def judge_groups(
     groups: Groups,
     agreement: np.ndarray,
-    measurements: Measurements,
+    place: Float[np.ndarray, "group 3"],
     boxes: Boxes,
     views: GroundViews,
     probability: np.ndarray,
@@ -101,7 +93,7 @@ def judge_groups(
     Args:
         groups: the groups.
         agreement: (H,) appearance term.
-        measurements: the boxes as likelihoods.
+        place: (H, 3) position and height of each group.
         boxes: the boxes.
         views: the cameras.
         probability: (H, C) detection probability of each group in each camera.
@@ -114,7 +106,8 @@ def judge_groups(
     # Before learning, a box is as likely false as true.
     base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
     log_odds = base
-    g, cell = cells_of_boxes(member, measurements, views)
+    g, camera = np.nonzero(member >= 0)
+    cell = clutter_cells(place[g], camera, views)
 
     def counted(log_odds: Float[np.ndarray, " group"]) -> Float[np.ndarray, "2 cam cells cells"]:
         return count_clutter(cell, expit(log_odds)[g], member.shape[1])

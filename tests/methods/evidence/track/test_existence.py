@@ -8,7 +8,6 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._groups import Groups
-from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.observe._visibility import DetectionRate, Views, rate_of_counts
 from catfree.methods.evidence.track._existence import (
@@ -43,12 +42,7 @@ class Scene:
         self.member[self.group, self.camera] = np.arange(n)
         empty = Information(np.zeros((H, 3, 3)), np.zeros((H, 3)), np.zeros(H))
         self.groups = Groups(self.frame, self.member, empty, np.asarray(gain, float))
-        state = np.column_stack([np.asarray(place)[self.group], np.ones(n)])
-        flags = np.ones((n, 3), bool)
-        self.measurements = Measurements(
-            Information(np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros(n)),
-            state, np.zeros((n, 2, 2)), np.ones((n, 3)), np.ones((n, 3)), flags, flags[:, 0],
-        )  # fmt: skip
+        self.place = np.column_stack([place, np.ones(H)])
         F = int(self.frame.max(initial=0)) + 1
         table = np.full((F, CAMERAS, max(n, 1)), -1)
         for row, (g, c) in enumerate(zip(self.group, self.camera, strict=True)):
@@ -59,7 +53,7 @@ class Scene:
         H = len(self.groups)
         rate = np.broadcast_to(rate, (H, CAMERAS))
         return judge_groups(
-            self.groups, np.full(H, agreement), self.measurements, self.boxes, VIEWS, rate, rules
+            self.groups, np.full(H, agreement), self.place, self.boxes, VIEWS, rate, rules
         )
 
 
