@@ -99,7 +99,7 @@ def advance(
 
     motion = motion_learned(learned, settings)
     step = usual_steps(learned, float(state.time), time)
-    priors = _priors(state, predict(state.heads, motion, step), settings)
+    priors = _priors(state, predict(state.heads, motion, step), density, spread, settings)
     groups = group(boxes, measured, noise, settings.gate, priors, ratios)
     place, _ = mean_and_covariance(groups.info, spread)
     predicted = expected_views(place, groups.frame, boxes, views, settings, groups.member)
@@ -180,7 +180,13 @@ def advance(
     ), current
 
 
-def _priors(state: TrackerState, heads: Heads, settings: EvidenceSettings) -> Priors | None:
+def _priors(
+    state: TrackerState,
+    heads: Heads,
+    density: float,
+    spread: float,
+    settings: EvidenceSettings,
+) -> Priors | None:
     """Predicted places of people who are present, one for each person."""
     present = state.forward[:, 0] > state.forward[:, 1]
     mean, covariance = heads.mean[:, :3], heads.covariance[:, :3, :3]
@@ -194,7 +200,7 @@ def _priors(state: TrackerState, heads: Heads, settings: EvidenceSettings) -> Pr
         return None
     precision = np.linalg.inv(covariance[keep])
     vector = np.einsum("nij,nj->ni", precision, mean[keep])
-    return priors_of(np.zeros(len(keep), np.int64), precision, vector)
+    return priors_of(np.zeros(len(keep), np.int64), precision, vector, density, spread)
 
 
 def _carry(

@@ -54,8 +54,8 @@ def measured(count, deviation):
     """Measurements of boxes of which only the deviation of the edges is known."""
     return Measurements(
         Information(np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)),
-        np.zeros((count, 3)), np.zeros((count, 2, 2)), np.full((count, 3), float(deviation)),
-        np.zeros((count, 3)), np.ones((count, 3), bool), np.ones(count, bool),
+        np.full((count, 3), float(deviation)), np.zeros((count, 3)), np.ones((count, 3), bool),
+        np.ones(count, bool),
     )  # fmt: skip
 
 

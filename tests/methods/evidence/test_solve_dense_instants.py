@@ -86,7 +86,7 @@ def crowd(count, seed=0, vagueness=0.3):
     position = rng.uniform(0, np.sqrt(count / 10), (count, 2))
     root = rng.normal(0, vagueness, (count, 2, 2))
     covariance = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
-    return position, covariance, np.zeros(count, int), rng.integers(0, 4, count), np.arange(count)
+    return position, covariance, np.zeros(count, int), rng.integers(0, 4, count)
 
 
 @pytest.fixture

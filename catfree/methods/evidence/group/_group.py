@@ -38,8 +38,6 @@ def group(
         rows = slice(int(boxes.first[begin]), int(boxes.first[end]))
         part = merge_boxes(
             measured.info[rows],
-            np.asarray(measured.state)[rows, :2],
-            np.asarray(measured.position_covariance)[rows],
             boxes.frame[rows],
             boxes.camera[rows],
             np.asarray(measured.valid)[rows],

@@ -1,6 +1,6 @@
 """Groups of boxes that show one person in one frame, and priors from tracks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -39,43 +39,40 @@ class Priors:
 
     Attributes:
         frame: (T,) frame index.
-        mean: (T, 3) position and height.
-        covariance: (T, 3, 3).
+        info: (T) without the height prior. Its log evidence alone is 0; joined with boxes, it
+            replaces the density of people.
     """
 
     frame: Int[np.ndarray, " prior"]
-    mean: np.ndarray
-    covariance: np.ndarray
+    info: Information
 
     def between(self, begin: int, end: int) -> "Priors":
         """Select those of the frames from `begin` up to `end`."""
         rows = (self.frame >= begin) & (self.frame < end)
-        return Priors(self.frame[rows], self.mean[rows], self.covariance[rows])
+        return Priors(self.frame[rows], self.info[rows])
 
 
 def priors_of(
     frame: Int[np.ndarray, " prior"],
     precision: Float[np.ndarray, "prior 3 3"],
     vector: Float[np.ndarray, "prior 3"],
+    density: float,
+    spread: float,
 ) -> Priors:
-    """Priors from their information; what is left of nothing after rounding is vague."""
+    """Priors from what is known of the people; what is left of nothing after rounding is vague.
+
+    Args:
+        frame: (T,) frame index.
+        precision: (T, 3, 3) inverse covariance of position and height.
+        vector: (T, 3) precision times mean.
+        density: people per H0².
+        spread: standard deviation of heights in H0.
+    """
     values, axes = np.linalg.eigh(precision)
-    values = np.maximum(values, VAGUE)
-    covariance = np.einsum("nij,nj,nkj->nik", axes, 1 / values, axes)
-    return Priors(frame, np.einsum("nij,nj->ni", covariance, vector), covariance)
-
-
-def prior_information(priors: Priors, density: float, spread: float) -> Information:
-    """Track priors as items: their log evidence alone is 0; joined, they replace the density."""
-    full = np.linalg.inv(priors.covariance)
-    vector = np.einsum("nij,nj->ni", full, priors.mean)
-    matrix = full.copy()
-    matrix[:, 2, 2] -= 1 / spread**2
-    shifted = vector.copy()
-    shifted[:, 2] -= 1 / spread**2
-    info = Information(matrix, shifted, np.zeros(len(vector)))
-    alone = log_evidence(info, density, spread)
-    return Information(matrix, shifted, 2 * alone)
+    matrix = np.einsum("nij,nj,nkj->nik", axes, np.maximum(values, VAGUE), axes)
+    height = np.array([0.0, 0.0, 1 / spread**2])
+    info = Information(matrix - np.diag(height), vector - height, np.zeros(len(vector)))
+    return Priors(frame, replace(info, constant=2 * log_evidence(info, density, spread)))
 
 
 def collect_groups(

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from catfree.methods.evidence._gaussian import Information, log_evidence
-from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups, prior_information
+from catfree.methods.evidence._gaussian import Information, log_evidence, with_height_prior
+from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups
 
 # Log-likelihood ratio of the looks of pairs of boxes, given by their rows.
 PairRatio = Callable[[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]], np.ndarray]
@@ -29,7 +29,6 @@ def close_pairs(
     covariance: Float[np.ndarray, "item 2 2"],
     frame: Int[np.ndarray, " item"],
     camera: Int[np.ndarray, " item"],
-    items: Int[np.ndarray, " n"],
     gate: float,
 ) -> Int[np.ndarray, "pair 2"]:
     """Find pairs of items of one frame and different cameras within the gate.
@@ -39,23 +38,22 @@ def close_pairs(
         covariance: (N, 2, 2).
         frame: (N,) frame index.
         camera: (N,) camera index.
-        items: (n,) the rows to pair.
         gate: largest squared Mahalanobis distance.
 
     Returns:
         (P, 2) rows, the lower first, sorted.
     """
-    if len(items) < 2:
+    total = len(frame)
+    if total < 2:
         return np.zeros((0, 2), np.int64)
-    xx, xy, yy = (covariance[items, k, m] for k, m in ((0, 0), (0, 1), (1, 1)))
+    xx, xy, yy = (covariance[:, k, m] for k, m in ((0, 0), (0, 1), (1, 1)))
     widest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)  # variance along the longest axis
-    order = np.argsort(
-        widest, kind="stable"
-    )  # each pair is found once, from its less certain member
-    items, xx, xy, yy, widest = (values[order] for values in (items, xx, xy, yy, widest))
-    (x, y), instant, view = position[items].T, frame[items], camera[items]
+    # Each pair is found once, from its less certain member.
+    order = np.argsort(widest, kind="stable")
+    xx, xy, yy, widest = (values[order] for values in (xx, xy, yy, widest))
+    (x, y), instant, view = position[order].T, frame[order], camera[order]
     reach = np.sqrt(2 * gate * widest)
-    far = 4 * (np.abs(position[items]).max() + reach[-1]) + 1  # separates frames
+    far = 4 * (np.abs(position).max() + reach[-1]) + 1  # separates frames
     place = np.column_stack([x, y, instant * far])
     tree = KDTree(place)
     pairs = []
@@ -71,13 +69,13 @@ def close_pairs(
         i, j = i[keep], j[keep]
         dx, dy, a, c = x[i] - x[j], y[i] - y[j], xx[i] + xx[j], yy[i] + yy[j]
         keep = np.flatnonzero((dx**2 <= gate * a) & (dy**2 <= gate * c))
-        i, j, dx, dy, a, c = (values[keep] for values in (i, j, dx, dy, a, c))
+        i, j = i[keep], j[keep]
+        dx, dy, a, c = (values[keep] for values in (dx, dy, a, c))
         b = xy[i] + xy[j]
         m2 = (c * dx**2 - 2 * b * dx * dy + a * dy**2) / (a * c - b**2)
         close = m2 < gate
-        pairs.append((items[i[close]], items[j[close]]))
+        pairs.append((order[i[close]], order[j[close]]))
     one, two = (np.concatenate(side) for side in zip(*pairs, strict=True))
-    total = int(items.max()) + 1
     return np.column_stack(
         np.divmod(np.sort(np.minimum(one, two) * total + np.maximum(one, two)), total)
     )
@@ -192,8 +190,6 @@ def _mutually_best(
 
 def merge_boxes(
     info: Information,
-    position: Float[np.ndarray, "box 2"],
-    covariance: Float[np.ndarray, "box 2 2"],
     frame: Int[np.ndarray, " box"],
     camera: Int[np.ndarray, " box"],
     valid: Bool[np.ndarray, " box"],
@@ -208,8 +204,6 @@ def merge_boxes(
 
     Args:
         info: (N) likelihoods of the boxes.
-        position: (N, 2) estimate from each box alone, in H0.
-        covariance: (N, 2, 2) of the position.
         frame: (N,) frame index.
         camera: (N,) camera index.
         valid: (N,) which boxes to group.
@@ -225,13 +219,15 @@ def merge_boxes(
     """
     if priors is not None and len(priors.frame):
         count = len(priors.frame)
-        info = _joined(info, prior_information(priors, density, spread))
-        position = _joined(position, priors.mean[:, :2])
-        covariance = _joined(covariance, priors.covariance[:, :2, :2])
-        frame, camera = _joined(frame, priors.frame), _joined(camera, np.full(count, cameras))
+        info, frame = _joined(info, priors.info), _joined(frame, priors.frame)
+        camera = _joined(camera, np.full(count, cameras))
         valid = _joined(valid, np.ones(count, bool))
     items = np.flatnonzero(valid)
-    pairs = close_pairs(position, covariance, frame, camera, items, gate)
+    matrix, vector, _ = with_height_prior(info[items], spread)
+    covariance = np.linalg.inv(matrix)  # accurate even for a vague prior
+    position = np.einsum("nij,nj->ni", covariance[:, :2], vector)
+    near = close_pairs(position, covariance[:, :2, :2], frame[items], camera[items], gate)
+    pairs = items[near]
     root = merge_groups(info, camera, cameras, pairs, density, spread, ratio)
     return collect_groups(root, items, info, frame, camera, cameras, density, spread)
 

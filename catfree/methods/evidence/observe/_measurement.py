@@ -49,9 +49,7 @@ class Measurements(eqx.Module):
     """Boxes as Gaussian likelihoods of (y1, y2, H) in units of H0.
 
     Attributes:
-        info: (N) information without the height prior.
-        state: (N, 3) most likely state given only the box.
-        position_covariance: (N, 2, 2) of (y1, y2), given the height prior too.
+        info: (N) information without the height prior; 0 where the measurement is not usable.
         noise: (N, 3) standard deviation of each edge in pixels.
         edges: (N, 3) edges corrected for systematic offsets.
         used: (N, 3) whether an edge carries information.
@@ -59,8 +57,6 @@ class Measurements(eqx.Module):
     """
 
     info: Information
-    state: Float[HostOrDevice, "*box 3"]
-    position_covariance: Float[HostOrDevice, "*box 2 2"]
     noise: Float[HostOrDevice, "*box 3"]
     edges: Float[HostOrDevice, "*box 3"]
     used: Bool[HostOrDevice, "*box 3"]
@@ -195,7 +191,7 @@ def measure(
         constants: see `EvidenceSettings`.
 
     Returns:
-        The measurement, valid if its state explains the box.
+        The measurement, valid if a person explains the box and its place is precise enough.
     """
     matrix, cut = camera.matrix, box.cut
     dtype = box.edges.dtype
@@ -249,7 +245,9 @@ def measure(
     # boxes of a group, so a box is valid only if its state explains it.
     explained = jnp.where(used, jnp.abs(edges - predicted) <= EXPLAINED * noise, True).all()
     valid = finite & (nearest > NEAREST_DEPTH) & explained & ~(cut[1] & cut[2])
-    return Measurements(info, state, covariance[:2, :2], noise, edges, used, valid)
+    sigma = jnp.sqrt((covariance[0, 0] + covariance[1, 1]) / 2)
+    valid &= jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
+    return Measurements(info, noise, edges, used, valid)
 
 
 @jax.jit
@@ -262,7 +260,7 @@ def measure_all(
     noise: Noise,
     constants: BoxConstants,
 ) -> Measurements:
-    """Apply `measure` to every box; boxes less precise than `largest_sigma` are not valid."""
+    """Apply `measure` to every box that is present."""
     seen_by = Pinhole(
         matrix=views.matrix[view],
         ground_inverse=views.ground_inverse[view],
@@ -275,20 +273,12 @@ def measure_all(
     measured = jax.vmap(measure, (0, 0, None, None, None))(
         box, seen_by, noise.angular, noise.spread, constants
     )
-    place = measured.position_covariance
-    sigma = jnp.sqrt((place[:, 0, 0] + place[:, 1, 1]) / 2)
-    valid = measured.valid & present & jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
+    valid = measured.valid & present
 
     def keep(values: HostOrDevice) -> Array:
         return jnp.where(valid.reshape(-1, *(1,) * (values.ndim - 1)), values, 0.0)
 
-    return replace(
-        measured,
-        info=jax.tree.map(keep, measured.info),
-        state=keep(measured.state),
-        position_covariance=keep(place),
-        valid=valid,
-    )
+    return replace(measured, info=jax.tree.map(keep, measured.info), valid=valid)
 
 
 def measure_boxes(

@@ -6,7 +6,7 @@ import pytest
 
 from catfree.methods.evidence.group._appearance import Likeness, PairRatios
 from catfree.methods.evidence.group._group import group
-from catfree.methods.evidence.group._groups import Priors
+from catfree.methods.evidence.group._groups import priors_of
 from catfree.methods.evidence.observe import _boxes as prepared
 from catfree.methods.evidence.observe._measurement import measure_boxes, start_noise
 from catfree.methods.evidence.observe._views import ground_views
@@ -32,8 +32,9 @@ def test_runs_of_one_frame_give_the_groups_of_all_frames(monkeypatch, with_looks
     if with_priors:
         place = (truth[:, 2:] @ np.asarray(scene.ground.basis)[:2] - views.origin) / HEIGHT
         mean = np.column_stack([place, np.ones(len(place))])
-        spread = np.tile(0.01 * np.eye(3), (len(place), 1, 1))
-        priors = Priors(truth[:, 0].astype(int), mean, spread)
+        precision = np.tile(100 * np.eye(3), (len(place), 1, 1))
+        density, spread = float(noise.density), float(noise.spread)
+        priors = priors_of(truth[:, 0].astype(int), precision, 100 * mean, density, spread)
 
     def grouped():
         ratios = None

@@ -2,8 +2,8 @@ import jax
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from catfree.methods.evidence._gaussian import Information, log_evidence
-from catfree.methods.evidence.group._groups import Priors
+from catfree.methods.evidence._gaussian import Information, log_evidence, mean_and_covariance
+from catfree.methods.evidence.group._groups import priors_of
 from catfree.methods.evidence.group._merge import (
     PAIR_BLOCK,
     close_pairs,
@@ -28,11 +28,9 @@ def boxes_near(seed, people, cameras, noise):
     info = Information(np.zeros((N, 3, 3)), np.zeros((N, 3)), np.zeros(N))
     info.matrix[:n], info.vector[:n] = precision, mean @ precision
     info.constant[:n] = (mean**2).sum(1) / noise**2
-    position, covariance = np.zeros((N, 2)), np.zeros((N, 2, 2))
-    position[:n], covariance[:n] = mean[:, :2], noise**2 * np.eye(2)
     cam, valid = np.zeros(N, int), np.zeros(N, bool)
     cam[:n], valid[:n] = camera, True
-    return info, position, covariance, cam, valid
+    return info, cam, valid
 
 
 def greedy(info, camera, valid, looks=None):
@@ -69,13 +67,13 @@ def greedy(info, camera, valid, looks=None):
 @settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 5), st.floats(0.02, 0.3), st.booleans())
 def test_merging_in_rounds_equals_one_best_pair_at_a_time(seed, people, noise, with_looks):
-    info, position, covariance, camera, valid = boxes_near(seed, people, 3, noise)
+    info, camera, valid = boxes_near(seed, people, 3, noise)
     half = np.random.default_rng(seed).normal(0, 2, (64, 64))
     looks = half + half.T if with_looks else np.zeros((64, 64))
+    ratio = (lambda one, two: looks[one, two]) if with_looks else None
     groups = merge_boxes(
-        info, position, covariance, np.zeros(64, int), camera, valid, 3, DENSITY, SPREAD,
-        1e6, ratio=(lambda one, two: looks[one, two]) if with_looks else None,
-    )  # fmt: skip
+        info, np.zeros(64, int), camera, valid, 3, DENSITY, SPREAD, 1e6, ratio=ratio
+    )
     got = sorted(sorted(int(i) for i in row if i >= 0) for row in groups.member)
     assert got == greedy(info, camera, valid, looks)
 
@@ -84,16 +82,16 @@ def test_frames_merged_together_give_the_groups_of_each_alone():
     frames, rows = 1000, 64
     alone = [boxes_near(seed, 6, 3, 0.3) for seed in range(frames)]
     info = jax.tree.map(lambda *parts: np.concatenate(parts), *(a[0] for a in alone))
-    position, covariance, camera, valid = (
-        np.concatenate([a[k] for a in alone]) for k in range(1, 5)
-    )
+    camera, valid = (np.concatenate([a[k] for a in alone]) for k in (1, 2))
     frame = np.repeat(np.arange(frames), rows)
-    pairs = close_pairs(position, covariance, frame, camera, np.flatnonzero(valid), GATE)
+    mean, covariance = mean_and_covariance(info[valid], SPREAD)
+    place = mean[:, :2], covariance[:, :2, :2]
+    pairs = close_pairs(*place, frame[valid], camera[valid], GATE)
     assert len(pairs) > PAIR_BLOCK  # else they are merged in one block
-    groups = merge_boxes(info, position, covariance, frame, camera, valid, 3, DENSITY, SPREAD, GATE)
+    groups = merge_boxes(info, frame, camera, valid, 3, DENSITY, SPREAD, GATE)
     for k in (0, 3, frames // 2, frames - 1):
-        parts = (*alone[k][:3], np.zeros(rows, int), *alone[k][3:])
-        one = merge_boxes(*parts, 3, DENSITY, SPREAD, GATE)
+        own, *rest = alone[k]
+        one = merge_boxes(own, np.zeros(rows, int), *rest, 3, DENSITY, SPREAD, GATE)
         here = groups.member[groups.frame == k]
         assert (np.where(here >= 0, here - rows * k, -1) == one.member).all()
 
@@ -101,10 +99,8 @@ def test_frames_merged_together_give_the_groups_of_each_alone():
 @settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 6))
 def test_every_box_is_in_exactly_one_group_and_cameras_exclude_themselves(seed, people):
-    info, position, covariance, camera, valid = boxes_near(seed, people, 4, 0.1)
-    groups = merge_boxes(
-        info, position, covariance, np.zeros(64, int), camera, valid, 4, DENSITY, SPREAD, GATE
-    )
+    info, camera, valid = boxes_near(seed, people, 4, 0.1)
+    groups = merge_boxes(info, np.zeros(64, int), camera, valid, 4, DENSITY, SPREAD, GATE)
     rows = groups.member[groups.member >= 0]
     assert sorted(rows) == list(np.flatnonzero(valid))
     for c in range(4):
@@ -122,33 +118,30 @@ def test_close_pairs_are_those_of_all_pairs(seed, count, spread):
     root = rng.normal(0, 1, (count, 2, 2)) * 10 ** rng.uniform(-2, spread, (count, 1, 1))
     covariance = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
     frame, camera = rng.integers(0, 3, count), rng.integers(0, 4, count)
-    items = np.flatnonzero(rng.random(count) < 0.8)
-    i, j = (a.ravel() for a in np.meshgrid(items, items, indexing="ij"))
+    i, j = (a.ravel() for a in np.indices((count, count)))
     apart = position[i] - position[j]
     total = np.linalg.inv(covariance[i] + covariance[j])
     m2 = np.einsum("ni,nij,nj->n", apart, total, apart)
     close = (i < j) & (frame[i] == frame[j]) & (camera[i] != camera[j]) & (m2 < GATE)
-    found = close_pairs(position, covariance, frame, camera, items, GATE)
+    found = close_pairs(position, covariance, frame, camera, GATE)
     np.testing.assert_array_equal(found, np.column_stack([i[close], j[close]]))
 
 
 @given(st.integers(0, 10**6), st.integers(1, 6), st.integers(0, 70))
 def test_padding_changes_no_group(seed, people, tracks):
-    info, position, covariance, camera, valid = boxes_near(seed, people, 4, 0.05)
+    info, camera, valid = boxes_near(seed, people, 4, 0.05)
     rng = np.random.default_rng(seed + 1)
     near = rng.integers(0, max(int(valid.sum()), 1), tracks)
-    priors = Priors(
-        np.zeros(tracks, int),
-        np.column_stack([position[near], np.ones(tracks)]),
-        np.tile(0.01 * np.eye(3), (tracks, 1, 1)),
-    )
+    mean, _ = mean_and_covariance(info[near], SPREAD)
+    precision = np.tile(100 * np.eye(3), (tracks, 1, 1))
+    priors = priors_of(np.zeros(tracks, int), precision, 100 * mean, DENSITY, SPREAD)
 
     def groups(extra):
         pad = lambda a: np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)])  # noqa: E731
         padded = Information(pad(info.matrix), pad(info.vector), pad(info.constant))
         return merge_boxes(
-            padded, pad(position), pad(covariance), pad(np.zeros(64, int)), pad(camera),
-            pad(valid), 4, DENSITY, SPREAD, GATE, priors=priors,
+            padded, pad(np.zeros(64, int)), pad(camera), pad(valid), 4, DENSITY, SPREAD, GATE,
+            priors=priors,
         )  # fmt: skip
 
     tight, wide = groups(0), groups(192)

@@ -28,14 +28,9 @@ def boxes_at(mean, deviation):
 def greedy(info, camera, cameras):
     """The library's groups, sorted."""
     n = len(camera)
-    position, covariance = np.zeros((ROWS, 2)), np.zeros((ROWS, 2, 2))
-    precision = info.matrix[:n, 0, 0]
-    position[:n] = info.vector[:n, :2] / precision[:, None]
-    covariance[:n] = np.eye(2) / precision[:, None, None]
-    groups = merge_boxes(
-        info, position, covariance, np.zeros(ROWS, int), np.pad(camera, (0, ROWS - n)),
-        np.arange(ROWS) < n, cameras, DENSITY, SPREAD, GATE,
-    )  # fmt: skip
+    frame, camera = np.zeros(ROWS, int), np.pad(camera, (0, ROWS - n))
+    valid = np.arange(ROWS) < n
+    groups = merge_boxes(info, frame, camera, valid, cameras, DENSITY, SPREAD, GATE)
     return sorted(sorted(row[row >= 0].tolist()) for row in groups.member)
 
 
