@@ -223,7 +223,10 @@ def _embeddings(
     rig: Rig,
     model: DetectorModel,
 ) -> Float[np.ndarray, "n d"]:
-    """Draw appearance, stable in time, weaker across views and mixed with the occluder's."""
+    """Draw appearance, stable in time, weaker across views and mixed with the occluder's.
+
+    In single precision, as networks give it.
+    """
     size, cameras = model.embedding_size, rig.camera_count
 
     def part(variance: float, *shape: int) -> np.ndarray:
@@ -242,4 +245,4 @@ def _embeddings(
     share = np.where(occluder >= 0, np.clip(hidden, 0, 0.6), 0.0)[:, None]
     mixed = (1 - share) * appearance + share * look[camera, np.maximum(occluder, 0)]
     vector = common + mixed + colors[camera] + part(model.noise, len(identity))
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    return (vector / np.linalg.norm(vector, axis=-1, keepdims=True)).astype(np.float32)
