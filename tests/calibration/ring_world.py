@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 
 from catfree.calibration import Calibration
-from catfree.calibration.people import register
 from catfree.synthetic import DetectorModel, World, make_world
 from catfree.types import Rig, Scene
+from tests.known_calibration import calibration_of
 
 
 @cache
@@ -18,13 +18,9 @@ def ring_of_six() -> World:
     return make_world("ring6", 3, frames=60, people=8, background=1, detector=detector)
 
 
-@cache
-def calibrated_ring() -> Calibration:
-    """Its rig from people alone; a minute of work per worker."""
-    world = ring_of_six()
-    found = register(world.detections, world.true_rig.image_size)
-    assert found.scene.rig.registered.all()
-    return found
+def true_ring() -> Calibration:
+    """Its true rig, as if from people."""
+    return calibration_of(ring_of_six().true_scene)
 
 
 def moved(calibration: Calibration, camera: int, *step: float) -> Calibration:

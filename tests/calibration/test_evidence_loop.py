@@ -10,7 +10,7 @@ from catfree.calibration._evidence_loop import EvidenceLoop, largest_move
 from catfree.calibration.people import without_camera
 from catfree.errors import CalibrationError
 from catfree.settings import Settings
-from tests.calibration.ring_world import calibrated_ring, moved, ring_of_six
+from tests.calibration.ring_world import moved, ring_of_six, true_ring
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +30,7 @@ def loop(world):
 
 @pytest.fixture(scope="module")
 def right(loop):
-    found = loop.refine(calibrated_ring())
+    found = loop.refine(true_ring())
     assert found.scene.rig.registered.all()
     return found
 

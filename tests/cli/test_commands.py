@@ -32,7 +32,6 @@ from catfree.adapters import (
     read_tracks_csv,
     write_scene_json,
 )
-from catfree.calibration import Calibration
 from catfree.cli._terminal import print_result
 from catfree.errors import CatFreeError, InvalidInputError
 from catfree.methods._localize import localize
@@ -54,6 +53,7 @@ from catfree.viz.page._blocks import (
     to_html,
     to_markdown,
 )
+from tests.known_calibration import calibration_of
 
 pytest.importorskip("tyro")
 
@@ -455,25 +455,7 @@ def test_a_report_about_nobody_says_so(outcome):
 
 @pytest.mark.slow
 def test_the_report_names_the_height_that_was_assumed(outcome):
-    cameras = np.zeros(3)
-    calibration = Calibration(
-        scene=outcome.scene,
-        association_rate=cameras,
-        log_likelihood_ratio=cameras,
-        focal_sd=cameras,
-        distortion_sd=cameras,
-        center_covariance=np.zeros((3, 3, 3)),
-        shared_focal=True,
-        camera_covariance=np.zeros((3, 7, 3, 7)),
-        scale_sd=0.1,
-        crowd_height=1.7,
-        crowd_height_sd=0.06,
-        foot_offset=0.1,
-        residual=0.3,
-        camera_residual=cameras,
-        sightings=np.zeros(3, int),
-        frame_offset=np.zeros(3, int),
-    )
+    calibration = calibration_of(outcome.scene)
     found = dataclasses.replace(outcome, calibration=calibration)
     text = to_markdown(describe_cameras(found, 1.2))
     assert "average height of 1.20 m" in text

@@ -27,7 +27,7 @@ from catfree.adapters import (
     SynchronizedVideos,
 )
 from catfree.adapters.datasets._detection_files import CameraBoxes
-from catfree.calibration import Calibration, KnownCamera, remove_offsets
+from catfree.calibration import KnownCamera, remove_offsets
 from catfree.errors import (
     CalibrationError,
     CatFreeError,
@@ -39,6 +39,7 @@ from catfree.settings import CalibrationSettings, EvidenceSettings, Settings
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
 from catfree.types import Clock, Detections, Scene
+from tests.known_calibration import calibration_of
 
 FRAMES, CAMERAS, SIZE = 2 * PIECE + 5, 3, (320, 180)
 
@@ -461,25 +462,7 @@ def test_learned_backgrounds_are_kept(tmp_path):
 
 
 def made_up_calibration(offset):
-    nothing = np.zeros(CAMERAS)
-    return Calibration(
-        scene=small_world().scene,
-        association_rate=nothing,
-        log_likelihood_ratio=nothing,
-        focal_sd=nothing,
-        distortion_sd=nothing,
-        center_covariance=np.zeros((CAMERAS, 3, 3)),
-        shared_focal=True,
-        camera_covariance=np.zeros((CAMERAS, 7, CAMERAS, 7)),
-        scale_sd=0.1,
-        crowd_height=1.7,
-        crowd_height_sd=0.06,
-        foot_offset=0.1,
-        residual=0.3,
-        camera_residual=nothing,
-        sightings=np.zeros(CAMERAS, int),
-        frame_offset=np.array(offset),
-    )
+    return calibration_of(small_world().scene, frame_offset=np.array(offset))
 
 
 @pytest.mark.slow

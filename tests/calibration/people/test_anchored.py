@@ -21,6 +21,7 @@ from catfree.calibration.people.cameras._camera_model import (
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry import fit_similarity
 from catfree.settings import CalibrationSettings
+from tests.known_calibration import calibration_of
 
 pytestmark = pytest.mark.slow
 
@@ -39,27 +40,15 @@ def true_cameras():
     return np.column_stack([fixed, angle + np.pi / 2, place])
 
 
-def calibration_of(parameters, covariance, crowd=CROWD):
+def rig_of(parameters, covariance, crowd=CROWD):
     K, R, t = to_matrices(parameters, SIZE)
     scene = cf.Scene.from_rig(cf.Rig(K, R, t, SIZE), cf.Plane([0.0, 0, 1], 0.0), metric=True)
-    nothing = np.zeros(CAMERAS)
-    return cf.Calibration(
-        scene=scene,
-        association_rate=nothing,
-        log_likelihood_ratio=nothing,
-        focal_sd=nothing,
-        distortion_sd=nothing,
+    return calibration_of(
+        scene,
         camera_covariance=covariance,
-        center_covariance=np.zeros((CAMERAS, 3, 3)),
-        shared_focal=False,
         scale_sd=crowd / RULES.person_height,
         crowd_height=RULES.person_height,
         crowd_height_sd=crowd,
-        foot_offset=0.15,
-        residual=0.5,
-        camera_residual=nothing,
-        sightings=np.full(CAMERAS, 100),
-        frame_offset=np.zeros(CAMERAS, int),
     )
 
 
@@ -74,7 +63,7 @@ def drawn(seed, scale=None, size=1.0):
     moved[:, X:] /= scale
     units = np.where(np.arange(7) >= X, 1 / scale, 1.0)
     covariance = (half @ half.T).reshape(CAMERAS, 7, CAMERAS, 7)
-    return calibration_of(moved, covariance * units[:, None, None] * units), rng
+    return rig_of(moved, covariance * units[:, None, None] * units), rng
 
 
 def pixel_of(camera, xy, rng=None, sd=1.0):
@@ -156,7 +145,7 @@ def test_a_world_of_another_size_gives_a_rig_of_that_size(seed, size):
     units = np.where(np.arange(7) >= X, size, 1.0)
     grown = parameters_of(calibration) * units
     covariance = calibration.camera_covariance * units[:, None, None] * units
-    other = calibration_of(grown, covariance, CROWD * size)
+    other = rig_of(grown, covariance, CROWD * size)
     other = dataclasses.replace(other, crowd_height=size * RULES.person_height)
     one, other = anchored(calibration, anchors), anchored(other, larger)
     np.testing.assert_allclose(parameters_of(other), parameters_of(one) * units, rtol=1e-6)

@@ -17,7 +17,7 @@ from catfree.calibration.people import (
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
-from tests.calibration.ring_world import calibrated_ring, moved, ring_of_six
+from tests.calibration.ring_world import moved, ring_of_six, true_ring
 
 pytestmark = pytest.mark.slow
 
@@ -32,7 +32,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def calibration():
-    return calibrated_ring()
+    return true_ring()
 
 
 def test_a_missing_camera_is_found(world, calibration) -> None:

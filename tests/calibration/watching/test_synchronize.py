@@ -7,7 +7,7 @@ import pytest
 
 from catfree.calibration.watching import synchronize
 from catfree.settings import Settings
-from tests.calibration.ring_world import calibrated_ring, ring_of_six
+from tests.calibration.ring_world import ring_of_six, true_ring
 from tests.calibration.watching.bumped import renumber
 
 pytestmark = pytest.mark.slow
@@ -28,14 +28,14 @@ def late():
 
 
 def test_a_late_camera_is_corrected_if_the_rig_fits_better_then(late):
-    found, boxes = synchronize(calibrated_ring(), late, Settings(), refined(0.9))
+    found, boxes = synchronize(true_ring(), late, Settings(), refined(0.9))
     assert (found.frame_offset - found.frame_offset[0]).tolist() == [0, 0, 2, 0, 0, 0]
     true = ring_of_six().detections.frame
     assert len(np.unique(boxes.frame - true)) == 1
 
 
 def test_nothing_is_corrected_if_the_rig_fits_no_better(late):
-    found, boxes = synchronize(calibrated_ring(), late, Settings(), refined(1.0))
+    found, boxes = synchronize(true_ring(), late, Settings(), refined(1.0))
     assert not found.frame_offset.any()
     assert (boxes.frame == late.frame).all()
 
@@ -43,12 +43,12 @@ def test_nothing_is_corrected_if_the_rig_fits_no_better(late):
 @pytest.mark.parametrize(("factor", "share", "kept"), [(1.02, 1.4, True), (0.9, 0.7, False)])
 def test_boxes_that_fit_count_as_well_as_how_well_they_fit(late, factor, share, kept):
     """A late camera that lost most of its people may fit those that are left."""
-    found, _ = synchronize(calibrated_ring(), late, Settings(), refined(factor, share))
+    found, _ = synchronize(true_ring(), late, Settings(), refined(factor, share))
     assert found.frame_offset.any() == kept
 
 
 def test_right_clocks_stay(late):
     on_time = ring_of_six().detections
-    found, boxes = synchronize(calibrated_ring(), on_time, Settings(), refined(0.5))
+    found, boxes = synchronize(true_ring(), on_time, Settings(), refined(0.5))
     assert not found.frame_offset.any()
     assert (boxes.frame == on_time.frame).all()

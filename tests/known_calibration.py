@@ -1,0 +1,32 @@
+"""A rig that is given, told of as one from people."""
+
+from typing import Any
+
+import numpy as np
+
+from catfree.calibration import Calibration
+from catfree.types import Scene
+
+
+def calibration_of(scene: Scene, **others: Any) -> Calibration:
+    """The calibration of a metric scene; what `others` does not state is the same everywhere."""
+    count = scene.rig.camera_count
+    ones = np.ones(count)
+    stated: dict[str, Any] = {
+        "association_rate": ones,
+        "log_likelihood_ratio": ones,
+        "focal_sd": ones,
+        "distortion_sd": 0 * ones,
+        "camera_covariance": 1e-4 * np.eye(7 * count).reshape(count, 7, count, 7),
+        "center_covariance": np.tile(1e-4 * np.eye(3), (count, 1, 1)),
+        "shared_focal": False,
+        "scale_sd": 0.1,
+        "crowd_height": 1.7,
+        "crowd_height_sd": 0.06,
+        "foot_offset": 0.15,
+        "residual": 0.5,
+        "camera_residual": 0.5 * ones,
+        "sightings": np.full(count, 100),
+        "frame_offset": np.zeros(count, int),
+    }
+    return Calibration(scene=scene, **stated | others)
