@@ -23,7 +23,7 @@ def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSt
     counts = count_detections(visibility, groups.member, heights, settings)
     rate = rate_of_counts(heights, *counts, settings)
     existence = judge_groups(
-        groups, appearance_log_odds(groups, state.ratios), state.place, boxes, state.views,
-        rate(visibility), settings,
+        groups, appearance_log_odds(groups, state.ratios), state.measurements,
+        float(state.noise.spread), boxes, state.views, rate(visibility), settings,
     )  # fmt: skip
     return replace(state, rate=rate, existence=existence)

@@ -7,8 +7,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import expit
 
+from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
@@ -65,6 +67,22 @@ def misses(rate: np.ndarray) -> np.ndarray:
     return np.log1p(-rate).sum(1)
 
 
+def cells_of_boxes(
+    member: Int[np.ndarray, "group cam"],
+    measurements: Measurements,
+    spread: float,
+    views: GroundViews,
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Group, and cell in its camera's clutter map, of each of the n boxes of groups.
+
+    A cell is where its box alone places a person: what is not a person recurs in the same pixels,
+    whatever it is grouped with.
+    """
+    group, camera = np.nonzero(member >= 0)
+    place, _ = mean_and_covariance(measurements.info[member[group, camera]], spread)
+    return group, clutter_cells(place, camera, views)
+
+
 def clutter_cells(
     place: Float[np.ndarray, "n d"], camera: Int[np.ndarray, " n"], views: GroundViews
 ) -> Int[np.ndarray, " n"]:
@@ -81,7 +99,8 @@ def clutter_cells(
 def judge_groups(
     groups: Groups,
     agreement: np.ndarray,
-    place: Float[np.ndarray, "group 3"],
+    measurements: Measurements,
+    spread: float,
     boxes: Boxes,
     views: GroundViews,
     probability: np.ndarray,
@@ -93,7 +112,8 @@ def judge_groups(
     Args:
         groups: the groups.
         agreement: (H,) appearance term.
-        place: (H, 3) position and height of each group.
+        measurements: the boxes as likelihoods.
+        spread: standard deviation of heights in H0.
         boxes: the boxes.
         views: the cameras.
         probability: (H, C) detection probability of each group in each camera.
@@ -106,8 +126,7 @@ def judge_groups(
     # Before learning, a box is as likely false as true.
     base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
     log_odds = base
-    g, camera = np.nonzero(member >= 0)
-    cell = clutter_cells(place[g], camera, views)
+    g, cell = cells_of_boxes(member, measurements, spread, views)
 
     def counted(log_odds: Float[np.ndarray, " group"]) -> Float[np.ndarray, "2 cam cells cells"]:
         return count_clutter(cell, expit(log_odds)[g], member.shape[1])

@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.observe._visibility import DetectionRate, Views, rate_of_counts
 from catfree.methods.evidence.track._existence import (
@@ -22,6 +23,7 @@ from catfree.settings import EvidenceSettings
 from tests.methods.evidence.evidence_worlds import HEIGHT, bare_boxes, make_rig, make_scene
 
 CAMERAS = 4
+SURE = 1e6  # per H0²: where each box places its person
 VIEWS = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
 PLAIN = EvidenceSettings(local_clutter=False)
 
@@ -42,7 +44,12 @@ class Scene:
         self.member[self.group, self.camera] = np.arange(n)
         empty = Information(np.zeros((H, 3, 3)), np.zeros((H, 3)), np.zeros(H))
         self.groups = Groups(self.frame, self.member, empty, np.asarray(gain, float))
-        self.place = np.column_stack([place, np.ones(H)])
+        state = np.column_stack([np.asarray(place)[self.group], np.ones(n)])
+        flags = np.ones((n, 3), bool)
+        self.measurements = Measurements(
+            Information(np.tile(SURE * np.eye(3), (n, 1, 1)), SURE * state, np.zeros(n)),
+            np.ones((n, 3)), np.ones((n, 3)), flags, flags[:, 0],
+        )  # fmt: skip
         F = int(self.frame.max(initial=0)) + 1
         table = np.full((F, CAMERAS, max(n, 1)), -1)
         for row, (g, c) in enumerate(zip(self.group, self.camera, strict=True)):
@@ -53,8 +60,9 @@ class Scene:
         H = len(self.groups)
         rate = np.broadcast_to(rate, (H, CAMERAS))
         return judge_groups(
-            self.groups, np.full(H, agreement), self.place, self.boxes, VIEWS, rate, rules
-        )
+            self.groups, np.full(H, agreement), self.measurements, 0.05, self.boxes, VIEWS, rate,
+            rules,
+        )  # fmt: skip
 
 
 def one(seen, gain=2.0):
