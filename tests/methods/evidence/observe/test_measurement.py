@@ -127,6 +127,10 @@ def test_the_likelihood_is_that_of_the_edges_about_the_most_likely_person(seed):
         # The form has the value and the slope of the sum of squares there.
         assert s @ matrix @ s - 2 * b @ s + k == pytest.approx(away @ W @ away, abs=1e-6)
         np.testing.assert_allclose(b - matrix @ s, J.T @ W @ away, rtol=1e-4, atol=1e-5 * size)
+        # Gauss-Newton has come to rest.
+        usual, prior = np.array([0, 0, 1.0]), np.diag([0, 0, SPREAD**-2])
+        step_left = np.linalg.solve(J.T @ W @ J + prior, J.T @ W @ away + prior @ (usual - s))
+        np.testing.assert_allclose(step_left, 0, atol=1e-6)
 
 
 @pytest.mark.parametrize("edge", [TOP, BOTTOM])
