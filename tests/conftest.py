@@ -16,11 +16,11 @@ import pytest
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
-# Checking every call of a loop that runs thousands of times takes a quarter of the time of a test.
-# Each test checks this many calls per function: every example that hypothesis draws, with four
-# calls in each.
-CHECKS = 100
+# Checking every call of a loop that runs thousands of times takes a third of the time of a test.
+# Each test, or each example that hypothesis draws for it, checks this many calls per function.
+CHECKS = 4
 _calls: Counter[str] = Counter()
+_most = CHECKS
 _jaxtyped = jaxtyping.jaxtyped
 
 
@@ -31,14 +31,14 @@ def check_first_calls(function: Any = None, **checker: Any) -> Any:
     if not inspect.isfunction(function):
         return _jaxtyped(function, **checker)
     name = f"{function.__module__}.{function.__qualname__}"
-    if _calls[name] >= CHECKS:  # of a function within another one
+    if _calls[name] >= _most:  # of a function within another one
         return function
     checked = None
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         nonlocal checked
-        if _calls[name] >= CHECKS:
+        if _calls[name] >= _most:
             return function(*args, **kwargs)
         _calls[name] += 1
         if checked is None:  # writing the checks of all functions takes half of the imports' time
@@ -111,6 +111,7 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
         config.option.dist = "loadfile"
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """One worker more than processors: slow tests wait for other processes, files and brokers.
 
@@ -127,8 +128,11 @@ TESTS_BETWEEN = 20  # counting tens of thousands of mappings takes a few hundred
 _tests = itertools.count(1)
 
 
-def pytest_runtest_setup() -> None:
+def pytest_runtest_setup(item: pytest.Item) -> None:
     """Check the first calls of this test."""
+    global _most
+    drawn = getattr(getattr(item, "function", None), "is_hypothesis_test", False)
+    _most = CHECKS * (settings().max_examples if drawn else 1)
     _calls.clear()
 
 
