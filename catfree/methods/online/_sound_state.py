@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import jaxtyped
 
 from catfree.errors import InvalidInputError, quoted
 from catfree.types import Detections
@@ -79,7 +80,9 @@ def _require_array(value: np.ndarray, hint: Any, name: str, lengths: dict[str, i
             lengths.setdefault(axis, length)
     shape = tuple(int(axis) if axis.isdigit() else lengths.get(axis) for axis in axes)
     require_shape(value, shape, name)
-    if value.dtype not in _DTYPES or not isinstance(value, hint):
+    with jaxtyped("context"):  # axes of the same names in a caller's annotations are others
+        is_of_kind = isinstance(value, hint)
+    if value.dtype not in _DTYPES or not is_of_kind:
         raise InvalidInputError(f"{name} has type {quoted(value.dtype)}.")
 
 
