@@ -106,7 +106,7 @@ def advance(
     predicted = with_pictures(predicted, groups.frame, boxes)
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
     existence = judge_groups(
-        groups, appearance_log_odds(groups, ratios), measured, spread, boxes, views,
+        groups, appearance_log_odds(groups, ratios), np.asarray(measured.cell), boxes,
         rate(predicted), settings, learned.clutter,
     )  # fmt: skip
     log_odds = existence.log_odds

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.methods.evidence.observe._ground_cells import CELLS
 from catfree.methods.evidence.observe._measurement import Noise, start_noise
-from catfree.methods.evidence.track._existence import CELLS
 from catfree.methods.evidence.track._identify import Pasts, no_pasts
 from catfree.methods.evidence.track._tracking import Heads, Node, no_heads
 from catfree.methods.online._sound_state import require_sound_arrays

@@ -55,7 +55,7 @@ def measured(count, deviation):
     return Measurements(
         Information(np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)),
         np.full((count, 3), float(deviation)), np.zeros((count, 3)), np.ones((count, 3), bool),
-        np.ones(count, bool),
+        np.zeros(count, int), np.ones(count, bool),
     )  # fmt: skip
 
 

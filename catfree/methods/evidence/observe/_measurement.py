@@ -21,6 +21,7 @@ from catfree.geometry._person import (
 )
 from catfree.methods.evidence._gaussian import Information, invert_symmetric, mean_and_covariance
 from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._ground_cells import ground_cell
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
 from catfree.types._annotations import HostOrDevice
@@ -53,6 +54,7 @@ class Measurements(eqx.Module):
         noise: (N, 3) standard deviation of each edge in pixels.
         edges: (N, 3) edges corrected for systematic offsets.
         used: (N, 3) whether an edge carries information.
+        cell: (N,) cell of the camera's map (see `ground_cell`) where the box alone places a person.
         valid: (N,) whether the measurement is usable.
     """
 
@@ -60,6 +62,7 @@ class Measurements(eqx.Module):
     noise: Float[HostOrDevice, "*box 3"]
     edges: Float[HostOrDevice, "*box 3"]
     used: Bool[HostOrDevice, "*box 3"]
+    cell: Int[HostOrDevice, "*box"]
     valid: Bool[HostOrDevice, "*box"]
 
 
@@ -144,6 +147,8 @@ class Pinhole(NamedTuple):
         head_inverse: (3, 3) map from a pixel to a head at H0.
         focal: () focal length in pixels.
         center: (2,) principal point.
+        station: (2,) the camera center projected onto the plane, in H0.
+        heading: (2,) viewing direction on the plane.
         edge_noise: (3,) noise of the edges in box heights.
         field: (3, 4) offsets of the edges.
     """
@@ -153,6 +158,8 @@ class Pinhole(NamedTuple):
     head_inverse: Float[Array, "*box 3 3"]
     focal: Float[Array, "*box"]
     center: Float[Array, "*box 2"]
+    station: Float[Array, "*box 2"]
+    heading: Float[Array, "*box 2"]
     edge_noise: Float[Array, "*box 3"]
     field: Float[Array, "*box 3 4"]
 
@@ -238,7 +245,7 @@ def measure(
     normal = weighted.T @ slopes
     normal = (normal + normal.T) / 2  # rounding differs between the halves
     info = Information(normal, weighted.T @ residual, (precision * residual**2).sum())
-    _, covariance = mean_and_covariance(info, spread)
+    place, covariance = mean_and_covariance(info, spread)
     _, _, nearest = box_ends(matrix, None, state)
     finite = jnp.isfinite(state).all() & jnp.isfinite(normal).all() & jnp.isfinite(info.constant)
     # Steps that reach the camera's plane produce unbounded slopes, which would outweigh all other
@@ -247,7 +254,8 @@ def measure(
     valid = finite & (nearest > NEAREST_DEPTH) & explained & ~(cut[1] & cut[2])
     sigma = jnp.sqrt((covariance[0, 0] + covariance[1, 1]) / 2)
     valid &= jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
-    return Measurements(info, noise, edges, used, valid)
+    cell = jnp.where(valid, ground_cell(place[:2], camera.station, camera.heading), 0)
+    return Measurements(info, noise, edges, used, cell, valid)
 
 
 @jax.jit
@@ -267,6 +275,8 @@ def measure_all(
         head_inverse=views.head_inverse[view],
         focal=views.focal[view],
         center=views.center[view],
+        station=views.station[camera],
+        heading=views.heading[camera],
         edge_noise=noise.edge[camera],
         field=noise.field[camera],
     )

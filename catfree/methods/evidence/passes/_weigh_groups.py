@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.group._appearance import appearance_log_odds
 from catfree.methods.evidence.observe._visibility import (
@@ -23,7 +25,7 @@ def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSt
     counts = count_detections(visibility, groups.member, heights, settings)
     rate = rate_of_counts(heights, *counts, settings)
     existence = judge_groups(
-        groups, appearance_log_odds(groups, state.ratios), state.measurements,
-        float(state.noise.spread), boxes, state.views, rate(visibility), settings,
+        groups, appearance_log_odds(groups, state.ratios), np.asarray(state.measurements.cell),
+        boxes, rate(visibility), settings,
     )  # fmt: skip
     return replace(state, rate=rate, existence=existence)

@@ -7,16 +7,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import expit
 
-from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
-from catfree.methods.evidence.observe._measurement import Measurements
-from catfree.methods.evidence.observe._views import GroundViews
+from catfree.methods.evidence.observe._ground_cells import CELLS
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
 
-CELLS = 128  # side of each camera's clutter map, in H0
-BEHIND = 8  # cells behind the camera, where rig errors may place a person
 CLUTTER_ROUNDS = 6  # of expectation maximization: it converges to a few percent in five
 
 
@@ -67,42 +63,11 @@ def misses(rate: np.ndarray) -> np.ndarray:
     return np.log1p(-rate).sum(1)
 
 
-def cells_of_boxes(
-    member: Int[np.ndarray, "group cam"],
-    measurements: Measurements,
-    spread: float,
-    views: GroundViews,
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Group, and cell in its camera's clutter map, of each of the n boxes of groups.
-
-    A cell is where its box alone places a person: what is not a person recurs in the same pixels,
-    whatever it is grouped with.
-    """
-    group, camera = np.nonzero(member >= 0)
-    place, _ = mean_and_covariance(measurements.info[member[group, camera]], spread)
-    return group, clutter_cells(place, camera, views)
-
-
-def clutter_cells(
-    place: Float[np.ndarray, "n d"], camera: Int[np.ndarray, " n"], views: GroundViews
-) -> Int[np.ndarray, " n"]:
-    """Index of the 1 H0² cell of each place (y1, y2, ...) in its camera's ground frame."""
-    away = place[:, :2] - views.station[camera]
-    ahead = views.heading[camera]
-    forward = (away * ahead).sum(1)
-    aside = away[:, 0] * ahead[:, 1] - away[:, 1] * ahead[:, 0]
-    i = np.clip(np.floor(forward) + BEHIND, 0, CELLS - 1).astype(int)
-    j = np.clip(np.floor(aside) + CELLS // 2, 0, CELLS - 1).astype(int)
-    return (camera * CELLS + i) * CELLS + j
-
-
 def judge_groups(
     groups: Groups,
     agreement: np.ndarray,
-    measurements: Measurements,
-    spread: float,
+    cell: Int[np.ndarray, " box"],
     boxes: Boxes,
-    views: GroundViews,
     probability: np.ndarray,
     settings: EvidenceSettings,
     clutter: Float[np.ndarray, "2 cam cells cells"] | None = None,
@@ -112,10 +77,9 @@ def judge_groups(
     Args:
         groups: the groups.
         agreement: (H,) appearance term.
-        measurements: the boxes as likelihoods.
-        spread: standard deviation of heights in H0.
+        cell: (N,) cell of each box in its camera's map. A cell is where its box alone places a
+            person: what is not a person recurs in the same pixels, whatever it is grouped with.
         boxes: the boxes.
-        views: the cameras.
         probability: (H, C) detection probability of each group in each camera.
         settings: constants.
         clutter: as in `Existence`, of earlier boxes; None to learn it by expectation maximization.
@@ -126,15 +90,16 @@ def judge_groups(
     # Before learning, a box is as likely false as true.
     base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
     log_odds = base
-    g, cell = cells_of_boxes(member, measurements, spread, views)
+    g, camera = np.nonzero(member >= 0)
+    at = camera * CELLS**2 + cell[member[g, camera]]
 
     def counted(log_odds: Float[np.ndarray, " group"]) -> Float[np.ndarray, "2 cam cells cells"]:
-        return count_clutter(cell, expit(log_odds)[g], member.shape[1])
+        return count_clutter(at, expit(log_odds)[g], member.shape[1])
 
     rounds = CLUTTER_ROUNDS if clutter is None else 1
     for _ in range(rounds * settings.local_clutter):
         counts = counted(log_odds) if clutter is None else clutter
-        log_odds = base - np.bincount(g, np.log(clutter_at(cell, counts, settings)), len(member))
+        log_odds = base - np.bincount(g, np.log(clutter_at(at, counts, settings)), len(member))
     return Existence(log_odds, probability, counted(log_odds))
 
 

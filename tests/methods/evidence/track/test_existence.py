@@ -8,23 +8,18 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._groups import Groups
-from catfree.methods.evidence.observe._measurement import Measurements
-from catfree.methods.evidence.observe._views import ground_views
+from catfree.methods.evidence.observe._ground_cells import CELLS
 from catfree.methods.evidence.observe._visibility import DetectionRate, Views, rate_of_counts
 from catfree.methods.evidence.track._existence import (
-    CELLS,
-    clutter_cells,
     delivered,
     judge_groups,
     misses,
     with_pictures,
 )
 from catfree.settings import EvidenceSettings
-from tests.methods.evidence.evidence_worlds import HEIGHT, bare_boxes, make_rig, make_scene
+from tests.methods.evidence.evidence_worlds import bare_boxes
 
 CAMERAS = 4
-SURE = 1e6  # per H0²: where each box places its person
-VIEWS = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
 PLAIN = EvidenceSettings(local_clutter=False)
 
 # None that is learned is certain.
@@ -32,9 +27,9 @@ rates = st.lists(st.floats(0, 0.99), min_size=CAMERAS, max_size=CAMERAS).map(np.
 
 
 class Scene:
-    """Groups with members, at places, and the boxes that they are made of."""
+    """Groups with members, in cells of the ground, and the boxes that they are made of."""
 
-    def __init__(self, there, place, gain, frame=None):
+    def __init__(self, there, cell, gain, frame=None):
         there = np.asarray(there, bool)
         H = len(there)
         self.frame = np.zeros(H, int) if frame is None else np.asarray(frame, int)
@@ -44,12 +39,7 @@ class Scene:
         self.member[self.group, self.camera] = np.arange(n)
         empty = Information(np.zeros((H, 3, 3)), np.zeros((H, 3)), np.zeros(H))
         self.groups = Groups(self.frame, self.member, empty, np.asarray(gain, float))
-        state = np.column_stack([np.asarray(place)[self.group], np.ones(n)])
-        flags = np.ones((n, 3), bool)
-        self.measurements = Measurements(
-            Information(np.tile(SURE * np.eye(3), (n, 1, 1)), SURE * state, np.zeros(n)),
-            np.ones((n, 3)), np.ones((n, 3)), flags, flags[:, 0],
-        )  # fmt: skip
+        self.cell = np.asarray(cell)[self.group]
         F = int(self.frame.max(initial=0)) + 1
         table = np.full((F, CAMERAS, max(n, 1)), -1)
         for row, (g, c) in enumerate(zip(self.group, self.camera, strict=True)):
@@ -59,15 +49,12 @@ class Scene:
     def judged(self, rate, agreement=0.0, rules=PLAIN):
         H = len(self.groups)
         rate = np.broadcast_to(rate, (H, CAMERAS))
-        return judge_groups(
-            self.groups, np.full(H, agreement), self.measurements, 0.05, self.boxes, VIEWS, rate,
-            rules,
-        )  # fmt: skip
+        return judge_groups(self.groups, np.full(H, agreement), self.cell, self.boxes, rate, rules)
 
 
 def one(seen, gain=2.0):
     """One person in the middle, seen by these cameras; all of them delivered the frame."""
-    return Scene([seen, [True] * CAMERAS], np.zeros((2, 2)), [gain, 0.0])
+    return Scene([seen, [True] * CAMERAS], [0, 0], [gain, 0.0])
 
 
 seen_by = st.lists(st.booleans(), min_size=CAMERAS, max_size=CAMERAS).filter(any)
@@ -143,7 +130,7 @@ def test_a_miss_is_bounded_however_sure_the_camera(sightings):
 def test_a_camera_without_a_picture_is_out_only_where_many_are_expected():
     there = np.ones((5, CAMERAS), bool)
     there[:, 2] = False
-    scene = Scene(there, np.zeros((5, 2)), np.zeros(5))
+    scene = Scene(there, np.zeros(5, int), np.zeros(5))
     few, many = (
         delivered(np.full((5, CAMERAS), rate), scene.groups, scene.boxes, PLAIN)
         for rate in (0.6, 0.61)  # of five people: three, and more than three
@@ -159,23 +146,8 @@ def test_a_camera_without_a_picture_is_out_only_where_many_are_expected():
 def test_a_camera_that_saw_anybody_at_all_had_a_picture():
     there = np.ones((6, CAMERAS), bool)
     there[:5, 2] = False
-    scene = Scene(there, np.zeros((6, 2)), np.zeros(6))
+    scene = Scene(there, np.zeros(6, int), np.zeros(6))
     assert delivered(np.full((6, CAMERAS), 0.9), scene.groups, scene.boxes, PLAIN).all()
-
-
-@given(st.integers(0, 10**6))
-def test_cells_are_square_metres_of_each_camera_ahead_and_aside(seed):
-    rng = np.random.default_rng(seed)
-    camera = rng.integers(0, CAMERAS, 30)
-    ahead, aside = rng.uniform(0, 100, 30), rng.uniform(-60, 60, 30)
-    forward = VIEWS.heading[camera]
-    right = np.column_stack([forward[:, 1], -forward[:, 0]])
-    place = VIEWS.station[camera] + ahead[:, None] * forward + aside[:, None] * right
-    cell = clutter_cells(np.column_stack([place, np.ones(30)]), camera, VIEWS)
-    found = np.stack(np.unravel_index(cell, (CAMERAS, CELLS, CELLS)), -1)
-    expected = np.column_stack([camera, np.floor(ahead) + 8, np.floor(aside) + CELLS // 2])
-    near_a_line = np.abs(np.column_stack([ahead, aside]) % 1 - 0.5).max(1) > 0.5 - 1e-9
-    np.testing.assert_array_equal(found[~near_a_line], expected[~near_a_line])
 
 
 def cluttered(false, true=40):
@@ -183,10 +155,10 @@ def cluttered(false, true=40):
     there = np.zeros((true + false, CAMERAS), bool)
     there[:true] = True
     there[true:, 0] = True
-    place = np.zeros((true + false, 2))
-    place[true:] = VIEWS.station[0] + 3 * VIEWS.heading[0]
+    middle, elsewhere = 17 * CELLS + 64, 11 * CELLS + 64
+    cell = np.where(there.all(1), middle, elsewhere)
     gain = np.where(there.all(1), 8.0, 0.0)
-    return Scene(there, place, gain, np.arange(true + false) % 20)
+    return Scene(there, cell, gain, np.arange(true + false) % 20)
 
 
 @settings(max_examples=10)
@@ -212,13 +184,13 @@ def test_the_order_of_the_groups_says_nothing(seed):
     H = 20
     there = rng.random((H, CAMERAS)) < 0.6
     there[~there.any(1), 0] = True
-    place, gain = rng.uniform(-2, 2, (H, 2)), rng.normal(2, 3, H)
+    cell, gain = rng.integers(0, CELLS**2, H), rng.normal(2, 3, H)
     frame, rate = rng.integers(0, 3, H), rng.random((H, CAMERAS))
     frame[:3] = range(3)
     order = rng.permutation(H)
     rules = EvidenceSettings()
-    plain = Scene(there, place, gain, frame).judged(rate, rules=rules)
-    mixed = Scene(there[order], place[order], gain[order], frame[order]).judged(
+    plain = Scene(there, cell, gain, frame).judged(rate, rules=rules)
+    mixed = Scene(there[order], cell[order], gain[order], frame[order]).judged(
         rate[order], rules=rules
     )
     np.testing.assert_allclose(mixed.log_odds, plain.log_odds[order], atol=1e-9)
