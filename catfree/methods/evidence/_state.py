@@ -6,9 +6,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.methods.evidence._gaussian import Information, mean_and_covariance
+from catfree.methods.evidence._gaussian import mean_and_covariance, no_information
 from catfree.methods.evidence.group._appearance import PairRatios, looks_of
-from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.group._groups import Groups, Priors, no_groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
 from catfree.methods.evidence.observe._views import GroundViews
@@ -37,6 +37,7 @@ class EvidenceState(eqx.Module):
     Attributes:
         boxes, views, noise, measurements: the boxes, their cameras, noise and likelihoods.
         ratios: compares the embeddings of boxes; None if they do not tell people apart.
+        priors: where tracks expected people before their boxes were grouped.
         groups: boxes of one person in one frame.
         place: (H, 3) position and height of each group.
         rate: how often each camera detects a person in view.
@@ -60,6 +61,7 @@ class EvidenceState(eqx.Module):
     noise: Noise
     measurements: Measurements
     ratios: PairRatios | None
+    priors: Priors
     groups: Groups
     place: Float[np.ndarray, "group 3"]
     rate: DetectionRate
@@ -100,14 +102,14 @@ def first_state(
     cameras = boxes.table.shape[1]
     heights = usual_heights(boxes.size, boxes.camera, cameras, settings)
     rows, numbers, flags = np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool)
-    nothing = Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), numbers)
     return EvidenceState(
         boxes=boxes,
         views=views,
         noise=noise,
         measurements=measurements,
         ratios=None,
-        groups=Groups(rows, np.zeros((0, cameras), np.int64), nothing, numbers),
+        priors=Priors(rows, no_information()),
+        groups=no_groups(cameras),
         place=np.zeros((0, 3)),
         rate=rate_before_counting(heights, settings),
         existence=not_judged(0, cameras),

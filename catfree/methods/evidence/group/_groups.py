@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.methods.evidence._gaussian import Information, log_evidence
+from catfree.methods.evidence._gaussian import Information, log_evidence, no_information
 
 VAGUE = 1e-6  # per H0²: a kilometer, which is no prior at all
 
@@ -50,6 +50,12 @@ class Priors:
         """Select those of the frames from `begin` up to `end`."""
         rows = (self.frame >= begin) & (self.frame < end)
         return Priors(self.frame[rows], self.info[rows])
+
+
+def no_groups(cameras: int) -> Groups:
+    """No groups, of boxes of so many cameras."""
+    rows = np.zeros(0, np.int64)
+    return Groups(rows, np.zeros((0, cameras), np.int64), no_information(), np.zeros(0))
 
 
 def priors_of(
