@@ -1,7 +1,7 @@
 """Make the oldest instant final: smooth it with all later ones, and give identities."""
 
-import itertools
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -151,7 +151,8 @@ def finalize(
     window, learned = state.window, state.learned
     motion, noise = motion_learned(learned, settings), learned.noise
     spread = float(noise.spread)
-    time = np.array([usual_steps(learned, float(window[0].time), float(i.time)) for i in window])
+    pauses = [usual_steps(learned, float(a.time), float(b.time)) for a, b in pairwise(window)]
+    time = np.cumsum([0.0, *pauses])
     first = np.cumsum([0] + [len(i.matrix) for i in window])
     history = [
         i.node._replace(group=np.where(i.node.group >= 0, i.node.group + begin, -1))
@@ -243,7 +244,7 @@ def _identify(
         nodes = nodes._replace(look=np.zeros((len(rows), dim)))
     track, chain = np.unique(trails.track[rows], return_inverse=True)
     bounds = np.searchsorted(nodes.frame, np.arange(frame, len(population.time) + 1))
-    at = [np.arange(a, b) for a, b in itertools.pairwise(bounds)]
+    at = [np.arange(a, b) for a, b in pairwise(bounds)]
     steps = [transition(motion, float(dt)) for dt in np.diff(population.time[frame:])]
     future = futures_of(at, nodes, chain, steps)[0]
     ahead = ChainBoxes.of(nodes, chain, len(track)).at(future.chain)

@@ -263,7 +263,7 @@ def _no_instant(cameras: int) -> PendingInstant:
     five, square = np.zeros((0, 5)), np.zeros((0, 5, 5))
     integers = np.zeros(0, np.int64)
     return PendingInstant(
-        np.zeros(()), Node(integers, integers, five, square, five, square), square[:, :3, :3],
+        np.zeros(()), Node(integers, integers, five, square), square[:, :3, :3],
         five[:, :3], none, five[:, :2], none, five[:, :2], five[:, :2],
         np.zeros((0, cameras), np.int64), five[:, :0], integers,
     )  # fmt: skip
@@ -286,8 +286,6 @@ def rescaled(state: TrackerState, length: float, pace: float) -> TrackerState:
         return n._replace(
             mean=n.mean * scale,
             covariance=n.covariance * square,
-            predicted_mean=n.predicted_mean * scale,
-            predicted_covariance=n.predicted_covariance * square,
         )
 
     pasts = state.pasts

@@ -308,15 +308,12 @@ class Node(NamedTuple):
         track: (T,) number, ascending.
         group: (T,) the group of the frame, or -1 in a gap.
         mean, covariance: (T, 5) and (T, 5, 5) given the frames so far.
-        predicted_mean, predicted_covariance: the same given the frames before.
     """
 
     track: Int[np.ndarray, " track"]
     group: Int[np.ndarray, " track"]
     mean: Float[np.ndarray, "track 5"]
     covariance: Float[np.ndarray, "track 5 5"]
-    predicted_mean: Float[np.ndarray, "track 5"]
-    predicted_covariance: Float[np.ndarray, "track 5 5"]
 
 
 def predict(heads: Heads, motion: Motion, step: float) -> Heads:
@@ -395,8 +392,6 @@ def link(
         group=np.concatenate([linked, group[fresh]]).astype(int),
         mean=np.concatenate([mean, new_mean]),
         covariance=np.concatenate([cov, new_cov]),
-        predicted_mean=np.concatenate([before.mean, new_mean]),
-        predicted_covariance=np.concatenate([before.covariance, new_cov]),
     )
     gap = np.concatenate([gap, np.zeros(len(fresh), int)])
     kept = gap <= settings.gap
@@ -441,12 +436,12 @@ def smooth(
         mean, covariance = history[t].mean[present], history[t].covariance[present]
         early = goes_on[row]
         if early.any():
-            later, next_row = history[t + 1], row[early] + 1
-            at = np.searchsorted(later.track, trails.track[next_row])  # which ascend in a frame
-            A = transition(motion, float(time[t + 1] - time[t]))[0]
-            G = covariance[early] @ A.T @ np.linalg.inv(later.predicted_covariance[at])
-            more_mean = trails.mean[next_row] - later.predicted_mean[at]
-            more_cov = trails.covariance[next_row] - later.predicted_covariance[at]
+            A, Q = transition(motion, float(time[t + 1] - time[t]))
+            predicted = A @ covariance[early] @ A.T + Q
+            G = covariance[early] @ A.T @ np.linalg.inv(predicted)
+            next_row = row[early] + 1
+            more_mean = trails.mean[next_row] - mean[early] @ A.T
+            more_cov = trails.covariance[next_row] - predicted
             mean[early] += np.einsum("tij,tj->ti", G, more_mean)
             covariance[early] += G @ more_cov @ G.transpose(0, 2, 1)
         trails.mean[row], trails.covariance[row] = mean, covariance
