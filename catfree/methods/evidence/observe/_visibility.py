@@ -107,19 +107,18 @@ class DetectionRate(eqx.Module):
 
     def __call__(self, visibility: Views) -> np.ndarray:
         """(H, C) detection probability, including the inside weight."""
-        camera = np.arange(self.rate.shape[0])[None, :]
-        return (
-            np.asarray(visibility.inside)
-            * self.rate[camera, *_bins(visibility, self.heights, self.covers)]
-        )
+        bins = _bins(visibility, self.heights, self.covers)
+        return visibility.inside * self.rate.ravel()[bins]
 
 
 def _bins(
     visibility: Views, heights: Float[np.ndarray, "cam 2"], covers: Float[np.ndarray, "4"]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The class of height and that of cover of each person in each camera (H, C)."""
-    height = (np.asarray(visibility.height)[..., None] > heights[None]).sum(-1)
-    return height, np.searchsorted(covers, np.asarray(visibility.cover))
+) -> Int[np.ndarray, "person cam"]:
+    """The bin of each person in each camera, counted through (C, 3, 5)."""
+    low, high = heights.T
+    height = (visibility.height > low).astype(int) + (visibility.height > high)
+    bins = (np.arange(len(heights)) * 3 + height) * 5
+    return bins + np.searchsorted(covers, visibility.cover)
 
 
 def usual_heights(
@@ -149,16 +148,15 @@ def count_detections(
     settings: EvidenceSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trials and hits (C, 3, 5) of people wholly in view whom other cameras confirm."""
-    C = member.shape[1]
-    height, cover = _bins(visibility, heights, np.array(settings.cover_edges))
     hit = member >= 0
     others = hit.sum(1, keepdims=True) - hit
     trial = (others >= settings.witnesses) & (visibility.inside == 1)
-    w = trial.astype(float)
-    index = (np.broadcast_to(np.arange(C), w.shape), height, cover)
-    trials, hits = np.zeros((C, 3, 5)), np.zeros((C, 3, 5))
-    np.add.at(trials, index, w)
-    np.add.at(hits, index, w * hit)
+    bins = _bins(visibility, heights, np.array(settings.cover_edges))
+    shape = (len(heights), 3, 5)
+    trials, hits = (
+        np.bincount(bins[counted], minlength=np.prod(shape)).reshape(shape).astype(float)
+        for counted in (trial, trial & hit)
+    )
     return trials, hits
 
 

@@ -62,21 +62,27 @@ class Nodes(NamedTuple):
 
     Attributes:
         frame: (N,) frame index.
-        matrix: (N, 5, 5) information of y1, y2, H, v1, v2.
-        vector: (N, 5) the matrix times the measured state.
+        matrix: (N, 3, 3) information of y1, y2, H.
+        vector: (N, 3) the matrix times the measured state.
         look: (N, D) sum of the embeddings of each position's boxes; D is 0 without looks.
         boxes: (N,) number of these.
     """
 
     frame: Int[np.ndarray, " n"]
-    matrix: Float[np.ndarray, "n 5 5"]
-    vector: Float[np.ndarray, "n 5"]
+    matrix: Float[np.ndarray, "n 3 3"]
+    vector: Float[np.ndarray, "n 3"]
     look: Float[np.ndarray, "n dim"]
     boxes: Int[np.ndarray, " n"]
 
     def at(self, rows) -> "Nodes":
         """Some of the positions."""
         return Nodes(*(part[rows] for part in self))
+
+    def of_states(self) -> tuple[Float[np.ndarray, "n 5 5"], Float[np.ndarray, "n 5"]]:
+        """The information on y1, y2, H, v1, v2."""
+        velocity = (0, 2)
+        matrix = np.pad(self.matrix, ((0, 0), velocity, velocity))
+        return matrix, np.pad(self.vector, ((0, 0), velocity))
 
 
 def identify(
@@ -138,9 +144,8 @@ def nodes_of(
     small_vector[is_detected] = info.vector[group[is_detected]]
     # (I⁻¹ + E)⁻¹ = (1 + I E)⁻¹ I, which needs no inverse of I: one view may leave it singular.
     wider = np.eye(3) + small @ np.pad(error[rows], ((0, 0), (0, 1), (0, 1)))
-    matrix, vector = np.zeros((len(rows), 5, 5)), np.zeros((len(rows), 5))
-    matrix[:, :3, :3] = np.linalg.solve(wider, small)
-    vector[:, :3] = np.linalg.solve(wider, small_vector[..., None])[..., 0]
+    matrix = np.linalg.solve(wider, small)
+    vector = np.linalg.solve(wider, small_vector[..., None])[..., 0]
     look, boxes = np.zeros((len(rows), 0)), np.zeros(len(rows), int)
     if looks is not None:
         look, boxes = looks.total[group], looks.count[group]
@@ -276,13 +281,14 @@ def futures_of(
         old = place[chain[rows]]
         hit, fresh = rows[old >= 0], rows[old < 0]
         old = old[old >= 0]
-        matrix[old] += nodes.matrix[hit]
-        vector[old] += nodes.vector[hit]
+        matrix[old, :3, :3] += nodes.matrix[hit]
+        vector[old, :3] += nodes.vector[hit]
         wait[old] = 0
+        new_matrix, new_vector = nodes.at(fresh).of_states()
         future = Futures(
             np.concatenate([name, chain[fresh]]),
-            np.concatenate([matrix, nodes.matrix[fresh]]),
-            np.concatenate([vector, nodes.vector[fresh]]),
+            np.concatenate([matrix, new_matrix]),
+            np.concatenate([vector, new_vector]),
             np.concatenate([wait, np.zeros(len(fresh), int)]),
         )
         futures.append(future)
@@ -465,8 +471,9 @@ def extend(
     if not new.any():
         return longer
     prior, pull = _new_person(population)
-    first = np.linalg.inv(nodes.matrix[new] + prior)
-    start = (first @ (nodes.vector[new] + pull)[..., None])[..., 0]
+    matrix, vector = nodes.at(new).of_states()
+    first = np.linalg.inv(matrix + prior)
+    start = (first @ (vector + pull)[..., None])[..., 0]
     none = np.zeros(len(start), int)
     begun = Pasts(names[new], none, start, first, nodes.look[new], nodes.boxes[new])
     return Pasts(*map(np.concatenate, zip(longer, begun, strict=True)))

@@ -37,10 +37,10 @@ def population(frames, **changes):
 def nodes_at(frame, state, noise=NOISE):
     """Positions sorted by frame, measured (N, 3) with a deviation, without looks."""
     frame, state = np.asarray(frame, int), np.asarray(state, float)
-    matrix, vector = np.zeros((len(frame), 5, 5)), np.zeros((len(frame), 5))
-    matrix[:, [0, 1, 2], [0, 1, 2]] = noise**-2
-    vector[:, :3] = state / noise**2
-    return Nodes(frame, matrix, vector, np.zeros((len(frame), 0)), np.zeros(len(frame), int))
+    matrix = np.tile(np.eye(3) / noise**2, (len(frame), 1, 1))
+    return Nodes(
+        frame, matrix, state / noise**2, np.zeros((len(frame), 0)), np.zeros(len(frame), int)
+    )
 
 
 def crowd(seed, people=4, frames=12, room=3.0, recall=0.85):
@@ -68,7 +68,7 @@ def dense_evidence(nodes, chain, known, habits=HABITS):
     for name in np.unique(chain):
         rows = np.flatnonzero(chain == name)
         frame = nodes.frame[rows]
-        measured = nodes.vector[rows, :3] * NOISE**2
+        measured = nodes.vector[rows] * NOISE**2
         # Moments of the states of a new person; a wide place stands for the uniform one.
         wide = 1e3
         P = np.diag([wide**2] * 2 + [SPREAD**2] + [MOTION.speed**2] * 2)
@@ -255,8 +255,8 @@ def tracks(person, nodes):
     """Trails and information of groups that hold the same as nodes."""
     N = len(person)
     order = np.lexsort((nodes.frame, person))
-    info = Information(nodes.matrix[order, :3, :3], nodes.vector[order, :3], np.zeros(N))
-    mean = np.pad(nodes.vector[order, :3] * NOISE**2, ((0, 0), (0, 2)))
+    info = Information(nodes.matrix[order], nodes.vector[order], np.zeros(N))
+    mean = np.pad(nodes.vector[order] * NOISE**2, ((0, 0), (0, 2)))
     cov = np.tile(NOISE**2 * np.eye(5), (N, 1, 1))
     return Trails(person[order], nodes.frame[order], np.arange(N), mean, cov), info
 
