@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
 # Checking every call of a loop that runs thousands of times takes a third of the time of a test.
-# Each test, or each example that hypothesis draws for it, checks this many calls per function.
+# Each test checks this many calls per function; one that hypothesis repeats, so many per example.
 CHECKS = 4
 _calls: Counter[str] = Counter()
 _most = CHECKS
