@@ -101,8 +101,8 @@ def localize(
     warnings += _same_cameras(detections, keep, camera_names)
     if keep.any() and not len(result.tracks):
         warnings += (
-            f"Nobody is found (boxes used: {int(keep.sum())}). Check that boxes and scene are of the "
-            "same cameras, in one order, and of pictures of one size.",
+            f"Nobody is found (boxes used: {int(keep.sum())}). Check that boxes and scene are of "
+            "the same cameras, in one order, and of pictures of one size.",
         )
     tracks = replace(result.tracks, clock=detections.clock)
     return with_expectation(replace(result, tracks=tracks, warnings=warnings), settings)
