@@ -148,7 +148,7 @@ class Pinhole(NamedTuple):
         focal: () focal length in pixels.
         center: (2,) principal point.
         station: (2,) the camera center projected onto the plane, in H0.
-        heading: (2,) viewing direction on the plane.
+        heading: (2,) viewing direction of the camera, not of a box's own pinhole, on the plane.
         edge_noise: (3,) noise of the edges in box heights.
         field: (3, 4) offsets of the edges.
     """

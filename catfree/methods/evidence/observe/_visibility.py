@@ -114,7 +114,7 @@ class DetectionRate(eqx.Module):
 def _bins(
     visibility: Views, heights: Float[np.ndarray, "cam 2"], covers: Float[np.ndarray, "4"]
 ) -> Int[np.ndarray, "person cam"]:
-    """The bin of each person in each camera, counted through (C, 3, 5)."""
+    """The bin of each person in each camera, as a flat index into (C, 3, 5)."""
     low, high = heights.T
     height = (visibility.height > low).astype(int) + (visibility.height > high)
     bins = (np.arange(len(heights)) * 3 + height) * 5

@@ -14,7 +14,7 @@ from catfree.settings import EvidenceSettings
 
 
 def expect_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
-    """Replace groups and tracks by what they say of where people are."""
+    """Replace groups and tracks by priors of where people are; without tracks, there are none."""
     alone = suppress_overlapping_tracks(
         state.trails, state.evidence, state.probability > 0.5, settings.personal_space
     )

@@ -1,4 +1,4 @@
-"""Group the boxes of each frame into people, where these are expected."""
+"""Group the boxes of each frame into people, with the priors of those who are expected."""
 
 from catfree.methods.evidence._state import EvidenceState, with_groups
 from catfree.methods.evidence.group._group import group

@@ -79,10 +79,9 @@ class Nodes(NamedTuple):
         return Nodes(*(part[rows] for part in self))
 
     def of_states(self) -> tuple[Float[np.ndarray, "n 5 5"], Float[np.ndarray, "n 5"]]:
-        """The information on y1, y2, H, v1, v2."""
-        velocity = (0, 2)
-        matrix = np.pad(self.matrix, ((0, 0), velocity, velocity))
-        return matrix, np.pad(self.vector, ((0, 0), velocity))
+        """The information on y1, y2, H, v1, v2: nothing is known of the velocity."""
+        matrix = np.pad(self.matrix, ((0, 0), (0, 2), (0, 2)))
+        return matrix, np.pad(self.vector, ((0, 0), (0, 2)))
 
 
 def identify(

@@ -29,6 +29,10 @@ PEOPLE, FRAMES = 6, 12
 OBSERVED = {"boxes", "views", "noise", "measurements", "ratios"}
 CHANGED = {
     learn_looks: {"ratios"},
+    expect_people: {
+        *("priors", "groups", "place", "existence", "trails", "evidence", "probability"),
+        "position_covariance",
+    },
     group_boxes: {"groups", "place", "existence"},
     weigh_groups: {"rate", "existence"},
     choose_reported: {
