@@ -31,7 +31,9 @@ CHANGED = {
     learn_looks: {"ratios"},
     expect_people: {
         *("priors", "groups", "place", "existence", "trails", "evidence", "probability"),
-        "position_covariance",
+        # Of the rows of the tracks that are forgotten:
+        *("position_covariance", "suppressed", "design_sigma", "whole_views"),
+        *("outside", "kept", "identity"),
     },
     group_boxes: {"groups", "place", "existence"},
     weigh_groups: {"rate", "existence"},
