@@ -17,7 +17,8 @@ from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
 # Checking every call of a loop that runs thousands of times takes a third of the time of a test.
-# Each test checks this many calls per function; one that hypothesis repeats, so many per example.
+# Each test checks the first calls of a function: so many, and for tests that hypothesis repeats, so
+# many times the usual number of examples.
 CHECKS = 4
 _calls: Counter[str] = Counter()
 _most = CHECKS
