@@ -36,7 +36,6 @@ STAGE_LABELS = {
     "detect": "detecting people",
     "reconstruction": "reconstructing instants",
     "pairs": "calibrating: pairs of cameras",
-    "seeds": "calibrating: first rigs",
     "growth": "calibrating: all cameras",
     "offsets": "calibrating: clocks of cameras",
     "refinement": "refining the cameras",

@@ -48,7 +48,6 @@ class CalibrationSettings(CheckedSettings):
         detection_rates: bounds on the probability that a person who should be seen has a box.
         match_gate: largest squared Mahalanobis distance of a match (99 % of a chi-square with 2
             degrees of freedom).
-        seed_pairs: number of pairs refined as seeds.
         shared_focal_sd: standard deviation of log focal lengths of cameras of one kind.
         free_focal_gain: share of the cost per person that one focal length per camera must save in
             the search for the cameras; the refinement learns how much focal lengths differ.
@@ -94,7 +93,6 @@ class CalibrationSettings(CheckedSettings):
             "shared_focal_sd",
             "distortion_sd",
             "detection_rates",
-            "seed_pairs",
         }
     )
 
@@ -124,7 +122,6 @@ class CalibrationSettings(CheckedSettings):
     chance_weight: float = 0.7
     detection_rates: tuple[float, float] = (0.3, 0.9)
     match_gate: float = 9.21
-    seed_pairs: int = 6
     shared_focal_sd: float = 0.003
     free_focal_gain: float = 0.05
     bent_lenses: tuple[float, ...] = (-0.15, -0.3)

@@ -97,7 +97,7 @@ def test_a_small_world_is_recovered_in_metres(world, recovered):
     assert (found.association_rate <= 1).all()
     assert (found.focal_sd > 0).all()
     assert np.linalg.eigvalsh(found.center_covariance).min() > -1e-9
-    assert {"pairs", "seeds", "growth"} <= set(stages)
+    assert {"pairs", "growth"} <= set(stages)
 
 
 def test_the_order_of_boxes_does_not_matter(world, recovered):

@@ -20,7 +20,7 @@ from catfree.calibration.people.matching._verdict import (
     weakest,
 )
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._seed_pairs import PairHypothesis
+from catfree.calibration.people.search._camera_pairs import PairHypothesis
 
 CANDIDATES = 4  # placements refined per camera
 FROM_VOTES, FROM_PAIRS = 12, 3  # likeliest placements from which these are chosen
@@ -29,7 +29,7 @@ HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this
 
 
 def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> AdjustedRig:
-    """Add cameras to a seed as long as their evidence is sufficient.
+    """Add cameras to a pair as long as their evidence is sufficient.
 
     Args:
         work: the sequence.
