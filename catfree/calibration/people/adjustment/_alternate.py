@@ -91,28 +91,29 @@ def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> 
     middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
     bundle, is_shared = None, True
     for tolerance in RANGE_ERRORS:
-        limited = replace(state, range_tolerance=np.full(grid.camera_count, tolerance))
-        people = group_people(grid, limited, settings)
-        measured = measure_people(grid, people)
+        state = replace(state, range_tolerance=np.full(grid.camera_count, tolerance))
+        measured = measure_people(grid, group_people(grid, state, settings))
         if measured is None:
             break
-        data, start = measured
-        shared, separate = (
-            adjust_people_bundle(
+        data, ground = measured
+        adjusted: list[tuple[BundleResult, RigState]] = []
+        for spread in (settings.shared_focal_sd, np.inf):  # the second begins where the first ended
+            result = adjust_people_bundle(
                 data,
                 state.parameters,
-                start,
+                ground,
                 weak_prior(data.camera, state.parameters, middle, settings),
                 settings,
                 focal_spread=spread,
                 iterations=MOST_STEPS,
             )
-            for spread in (settings.shared_focal_sd, np.inf)
-        )
+            placed = np.isfinite(result.parameters)
+            parameters = np.where(placed, result.parameters, state.parameters)
+            state, ground = replace(state, parameters=parameters), result.people
+            adjusted.append((result, state))
+        (shared, _), (separate, _) = adjusted
         is_shared = not saves(shared, separate, settings.free_focal_gain)
-        bundle = shared if is_shared else separate
-        parameters = np.where(np.isfinite(bundle.parameters), bundle.parameters, state.parameters)
-        state = replace(limited, parameters=parameters)
+        bundle, state = adjusted[0 if is_shared else 1]
     if bundle is None:
         cameras = ", ".join(str(c) for c in np.flatnonzero(state.placed))
         raise CalibrationError(
