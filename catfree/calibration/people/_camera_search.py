@@ -60,7 +60,7 @@ def reconsider(
             current = judge_camera(work, state, camera, grid=work.scoring)
             if verdict.margin < current.margin + settings.minimum_margin:
                 continue
-        state = state.with_camera(camera, parameters, RANGE_ERRORS[-1])
+        state = state.with_camera(camera, parameters)
         changed[camera] = verdict
     return _with_cameras(calibration, state, changed, anew=list(changed)) if changed else None
 
@@ -96,11 +96,10 @@ def places_for(
         One rig per position, possibly none.
     """
     work, state = _resume(calibration, detections, settings)
-    tolerance = RANGE_ERRORS[-1]
     return [
         _with_cameras(
             calibration,
-            state.with_camera(camera, parameters, tolerance),
+            state.with_camera(camera, parameters),
             {camera: verdict},
             anew=[camera],
         )
@@ -206,9 +205,7 @@ def _resume(
 
 def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
     """Convert the cameras of a finished rig to a `RigState`."""
-    rig = calibration.scene.rig
-    tolerance = np.full(rig.camera_count, RANGE_ERRORS[-1])
-    return RigState(of_rig(rig), tolerance)
+    return RigState(of_rig(calibration.scene.rig), RANGE_ERRORS[-1])
 
 
 def _with_cameras(

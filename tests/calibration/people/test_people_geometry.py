@@ -196,7 +196,7 @@ def test_resection_is_exact_on_exact_people_alone_or_with_other_fits():
             [starts[at] for at in chosen],
             [matches[at] for at in chosen],
             SETTINGS,
-            log_focal=(float(RIG[1, 0]), 0.5),
+            log_focal=float(RIG[1, 0]),
             iterations=40,
         )
 

@@ -91,7 +91,7 @@ def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> 
     middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
     bundle, is_shared = None, True
     for tolerance in RANGE_ERRORS:
-        state = replace(state, range_tolerance=np.full(grid.camera_count, tolerance))
+        state = replace(state, range_tolerance=tolerance)
         measured = measure_people(grid, group_people(grid, state, settings))
         if measured is None:
             break

@@ -62,7 +62,7 @@ def resect(
     people: GroundMap,
     settings: CalibrationSettings,
     *,
-    log_focal: tuple[float, float],
+    log_focal: float,
 ) -> list[Float[np.ndarray, "7"] | None]:
     """Refine placements of one camera against a fixed map of people, all together.
 
@@ -71,7 +71,7 @@ def resect(
         placements: all boxes and (7,) initial parameters in world coordinates, of each placement.
         people: map of the other cameras, same frames.
         settings: constants.
-        log_focal: mean and standard deviation of the prior on log focal length.
+        log_focal: mean of the prior on log focal length; `focal_spread` is its deviation.
 
     Returns:
         (7,) refined parameters of each placement, or None if it diverges or matches too few people.
@@ -124,7 +124,7 @@ def fit_cameras(
     matches: Sequence[MatchedPeople],
     settings: CalibrationSettings,
     *,
-    log_focal: tuple[float, float],
+    log_focal: float,
     iterations: int = 8,
 ) -> Float[np.ndarray, "fit 7"]:
     """Fit the seven parameters of cameras by Levenberg-Marquardt with a Cauchy loss.
@@ -133,7 +133,7 @@ def fit_cameras(
         starts: (7,) initial parameters of each fit.
         matches: boxes and people of each fit.
         settings: constants.
-        log_focal: mean and standard deviation of the prior on log focal length.
+        log_focal: mean of the prior on log focal length; `focal_spread` is its deviation.
         iterations: maximum number of steps.
 
     Returns:
@@ -144,8 +144,9 @@ def fit_cameras(
     n = coarse_length(max(len(one.sd) for one in matches), MATCHES_BLOCK)
     fits = coarse_length(len(matches), FITS_BLOCK)
     mean, precision = np.zeros((1, 7)), np.zeros((1, 7))
-    mean[0, LOG_FOCAL] = log_focal[0]
-    precision[0, LOG_FOCAL], precision[0, ROLL] = 1 / log_focal[1], 1 / settings.roll_sd
+    mean[0, LOG_FOCAL] = log_focal
+    precision[0, LOG_FOCAL] = 1 / settings.focal_spread
+    precision[0, ROLL] = 1 / settings.roll_sd
 
     def stacked(rows: Sequence[np.ndarray]) -> Array:
         table = np.zeros((fits, n, *rows[0].shape[1:]))

@@ -18,34 +18,26 @@ class RigState:
 
     Attributes:
         parameters: (C, 7) cameras; NaN where not placed.
-        range_tolerance: (C,) fraction of the range by which each camera's map may be wrong.
+        range_tolerance: fraction of the range by which the map of a camera may be wrong.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
-    range_tolerance: Float[np.ndarray, " cam"]
+    range_tolerance: float
 
     @property
     def placed(self) -> Bool[np.ndarray, " cam"]:
         """(C,) whether each camera is placed."""
         return np.isfinite(self.parameters[:, LOG_FOCAL])
 
-    def with_camera(
-        self, camera: int, parameters: Float[np.ndarray, "7"], tolerance: float
-    ) -> "RigState":
-        """Add a camera to the rig.
-
-        Args:
-            camera: index of the camera.
-            parameters: (7,) its parameters.
-            tolerance: fraction of the range by which its map may be wrong.
-        """
-        all_parameters, tolerances = self.parameters.copy(), self.range_tolerance.copy()
-        all_parameters[camera], tolerances[camera] = parameters, tolerance
-        return replace(self, parameters=all_parameters, range_tolerance=tolerances)
+    def with_camera(self, camera: int, parameters: Float[np.ndarray, "7"]) -> "RigState":
+        """Add a camera to the rig, or move it."""
+        every = self.parameters.copy()
+        every[camera] = parameters
+        return replace(self, parameters=every)
 
     def without_camera(self, camera: int) -> "RigState":
         """Remove a camera from the rig."""
-        return self.with_camera(camera, np.full(7, np.nan), np.nan)
+        return self.with_camera(camera, np.full(7, np.nan))
 
 
 @dataclass(frozen=True)
@@ -76,7 +68,7 @@ def camera_map(
         state.parameters[camera],
         *grid.of_camera(camera),
         settings,
-        range_tolerance=state.range_tolerance[camera],
+        range_tolerance=state.range_tolerance,
     )
 
 

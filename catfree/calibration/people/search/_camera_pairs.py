@@ -49,10 +49,9 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
     found: list[tuple[float, Placement, np.ndarray, np.ndarray]] = []
 
     def pair(p: Float[np.ndarray, "7"], q: Float[np.ndarray, "7"]) -> RigState:
-        count = work.grid.camera_count
-        parameters = np.full((count, 7), np.nan)
+        parameters = np.full((work.grid.camera_count, 7), np.nan)
         parameters[[one, two]] = p, q
-        return RigState(parameters, np.full(count, RANGE_ERRORS[0]))
+        return RigState(parameters, RANGE_ERRORS[0])
 
     for share in settings.focal_shares:
         targets, sources = (

@@ -88,7 +88,7 @@ def _offset_of_placed(
     work: Workspace, state: RigState, camera: int, maximum: int
 ) -> tuple[float, int]:
     """Gain in evidence and shift at which a placed camera agrees best after refitting."""
-    wide = replace(state, range_tolerance=np.full(len(state.placed), RANGE_ERRORS[2]))
+    wide = replace(state, range_tolerance=RANGE_ERRORS[1])
     others = group_people(work.grid, wide.without_camera(camera), work.settings).ground
     log_focal = float(state.parameters[camera, LOG_FOCAL])
     evidence: dict[int, float] = {}
@@ -102,8 +102,7 @@ def _offset_of_placed(
             camera,
             [(work.grid.shifted(camera, -s), state.parameters[camera]) for s in untried],
             others,
-            log_focal=(log_focal, work.settings.focal_spread),
-            tolerance=RANGE_ERRORS[2],
+            log_focal=log_focal,
         )
         for shift, one in zip(untried, judged, strict=True):
             evidence[shift] = -np.inf if one is None else one[1].judgment.evidence
@@ -128,16 +127,15 @@ def offset_of_unplaced(
     people = group_people(work.grid, state, settings).ground
     middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
     planes = work.planes(camera, middle)
+    voting_people = group_people(work.voting, state, settings).ground
     candidates = []
     for shift in _shifts(work, maximum):
-        grid = work.grid.shifted(camera, -shift)
-        sample = grid.thinned(settings.voting_frames)
-        fused = group_people(sample, state, settings).ground
+        sample = work.grid.shifted(camera, -shift).thinned(settings.voting_frames)
         for plane in planes:
             camera_map = work.local_map(sample, camera, plane)
             candidates += [
                 (placement.score, shift, placement.place(plane))
-                for placement in vote(fused, camera_map, settings, 1)
+                for placement in vote(voting_people, camera_map, settings, 1)
             ]
     candidates.sort(key=lambda item: -item[0])
     tried = candidates[:TRIED_OFFSETS]
@@ -147,8 +145,7 @@ def offset_of_unplaced(
         camera,
         [(work.grid.shifted(camera, -shift), start) for _, shift, start in tried],
         people,
-        log_focal=(middle, settings.focal_spread),
-        tolerance=RANGE_ERRORS[2],
+        log_focal=middle,
     )
     best = (0.0, 0)
     for (_, shift, _), one in zip(tried, judged, strict=True):

@@ -44,7 +44,7 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
         for camera in np.flatnonzero(~state.placed):
             best = best_candidate(work, rig.state, int(camera), pairs)
             if best is not None:
-                state = state.with_camera(int(camera), best[0], RANGE_ERRORS[1])
+                state = state.with_camera(int(camera), best[0])
         if state is rig.state:
             break
         grown = prune_rig(work, alternate(work.grid, state, work.settings))
@@ -145,8 +145,7 @@ def accepted_candidates(
         camera,
         [(work.scoring, start) for start in _candidates(work, state, camera, pairs, middle)],
         people,
-        log_focal=(middle, work.settings.focal_spread),
-        tolerance=RANGE_ERRORS[1],
+        log_focal=middle,
     )
     return [one for one in judged if one is not None and one[1].accepted]
 
@@ -158,8 +157,7 @@ def judge_refined(
     placements: Sequence[tuple[BoxGrid, Float[np.ndarray, "7"]]],
     people: GroundMap,
     *,
-    log_focal: tuple[float, float],
-    tolerance: float,
+    log_focal: float,
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict] | None]:
     """Refine placements of a camera against a fixed map of the others' people, and judge them.
 
@@ -169,25 +167,18 @@ def judge_refined(
         camera: index of the camera.
         placements: all boxes and (7,) initial parameters of each placement.
         people: map of the other cameras, same frames.
-        log_focal: mean and standard deviation of the prior on log focal length.
-        tolerance: fraction of the range by which the map of the refined camera may be wrong.
+        log_focal: mean of the prior on log focal length.
 
     Returns:
         Parameters (7,) and verdict of each placement; None if it cannot be refined (`resect`).
     """
-    refined = resect(
-        camera,
-        placements,
-        people,
-        work.settings,
-        log_focal=log_focal,
-    )
+    refined = resect(camera, placements, people, work.settings, log_focal=log_focal)
     judged = []
     for (grid, _), parameters in zip(placements, refined, strict=True):
         if parameters is None:
             judged.append(None)
             continue
-        fitted = state.with_camera(camera, parameters, tolerance)
+        fitted = replace(state.with_camera(camera, parameters), range_tolerance=RANGE_ERRORS[1])
         verdict = judge_camera(work, fitted, camera, grid=grid, others=people)
         judged.append((parameters, verdict))
     return judged
