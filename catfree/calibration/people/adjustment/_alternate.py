@@ -91,11 +91,11 @@ def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> 
     middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
     bundle, is_shared = None, True
     for tolerance in RANGE_ERRORS:
-        state = replace(state, range_tolerance=tolerance)
-        measured = measure_people(grid, group_people(grid, state, settings))
+        limited = replace(state, range_tolerance=tolerance)
+        measured = measure_people(grid, group_people(grid, limited, settings))
         if measured is None:
             break
-        data, ground = measured
+        state, (data, ground) = limited, measured
         adjusted: list[tuple[BundleResult, RigState]] = []
         for spread in (settings.shared_focal_sd, np.inf):  # the second begins where the first ended
             result = adjust_people_bundle(
