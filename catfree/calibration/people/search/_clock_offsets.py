@@ -88,8 +88,9 @@ def _offset_of_placed(
     work: Workspace, state: RigState, camera: int, maximum: int
 ) -> tuple[float, int]:
     """Gain in evidence and shift at which a placed camera agrees best after refitting."""
-    wide = replace(state, range_tolerance=RANGE_ERRORS[1])
-    others = group_people(work.grid, wide.without_camera(camera), work.settings).ground
+    # A wrong clock distorts the others, too.
+    rest = replace(state.without_camera(camera), range_tolerance=RANGE_ERRORS[1])
+    others = group_people(work.grid, rest, work.settings).ground
     log_focal = float(state.parameters[camera, LOG_FOCAL])
     evidence: dict[int, float] = {}
     best, shifts = 0, _shifts(work, maximum)
@@ -98,7 +99,7 @@ def _offset_of_placed(
         untried = [shift for shift in near if shift in shifts and shift not in evidence]
         judged = judge_refined(
             work,
-            wide,
+            state,
             camera,
             [(work.grid.shifted(camera, -s), state.parameters[camera]) for s in untried],
             others,

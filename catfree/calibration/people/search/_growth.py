@@ -178,6 +178,7 @@ def judge_refined(
         if parameters is None:
             judged.append(None)
             continue
+        # Not yet adjusted with the others.
         fitted = replace(state.with_camera(camera, parameters), range_tolerance=RANGE_ERRORS[1])
         verdict = judge_camera(work, fitted, camera, grid=grid, others=people)
         judged.append((parameters, verdict))
