@@ -28,20 +28,20 @@ from catfree.methods.evidence.track._existence import (
     misses,
     with_pictures,
 )
+from catfree.methods.evidence.track._pasts import Pasts, predict
 from catfree.methods.evidence.track._presence import step_forward
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
     CONSECUTIVE,
     Alone,
-    Heads,
     Motion,
     Population,
     Trails,
     link,
     motion_of,
     mutual_steps,
-    predict,
     sure_groups,
+    transition,
 )
 from catfree.methods.online._learn import forgetting, likeness_of
 from catfree.methods.online._tracker_state import Learned, PendingInstant, TrackerState, with_looks
@@ -99,7 +99,8 @@ def advance(
 
     motion = motion_learned(learned, settings)
     step = usual_steps(learned, float(state.time), time)
-    priors = _priors(state, predict(state.heads, motion, step), density, spread, settings)
+    heads = predict(state.heads, *transition(motion, step))
+    priors = _priors(state, heads, density, spread, settings)
     groups = group(boxes, measured, noise, settings.gate, priors, ratios)
     place, _ = mean_and_covariance(groups.info, spread)
     predicted = expected_views(place, groups.frame, boxes, views, settings, groups.member)
@@ -116,7 +117,7 @@ def advance(
     info = groups.info[rows]
     population = Population(np.zeros(1), motion, density, spread, settings, looks)
     alone = Alone.of(info, density, spread)
-    node, heads = link(state.heads, info, alone, rows, step, population)
+    node, followed = link(heads, info, alone, rows, int(state.tracks), population)
     hit = node.group >= 0
     hit_groups = node.group[hit]
     instant = np.zeros(len(hit), np.int64)
@@ -169,20 +170,21 @@ def advance(
         steps=steps,
         active=active,
     )
-    followed = np.isin(node.track, heads.track)
+    alive = np.isin(node.track, followed.name)
     return replace(
         state,
         learned=learned,
-        heads=heads,
-        forward=forward[followed],
-        weight=weight[followed],
+        heads=followed,
+        tracks=np.array(max(int(state.tracks), int(node.track.max(initial=-1)) + 1)),
+        forward=forward[alive],
+        weight=weight[alive],
         sure=sure,
     ), current
 
 
 def _priors(
     state: TrackerState,
-    heads: Heads,
+    heads: Pasts,
     density: float,
     spread: float,
     settings: EvidenceSettings,

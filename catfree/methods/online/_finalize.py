@@ -13,15 +13,14 @@ from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._working_area import UsualPlace
 from catfree.methods.evidence.track._identify import (
-    HORIZON,
     AbsenceHabits,
     ChainBoxes,
-    extend,
     futures_of,
-    later,
     match_chains,
     nodes_of,
+    remember,
 )
+from catfree.methods.evidence.track._pasts import predict
 from catfree.methods.evidence.track._presence import chain_weights
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
@@ -233,21 +232,19 @@ def _identify(
     pasts = state.pasts
     step = usual_steps(learned, float(state.final_time), time)
     if step:
-        pasts = later(pasts, *transition(motion, step))
+        pasts = predict(pasts, *transition(motion, step))
     rows = np.flatnonzero(reported & (trails.frame >= frame))
     rows = rows[np.argsort(trails.frame[rows], kind="stable")]
-    if len(rows) == 0:
-        return replace(state, pasts=pasts), np.zeros(0, np.int64), []
     nodes = nodes_of(trails, rows, extra, info, population.looks)
     dim = pasts.look.shape[1]
-    if nodes.look.shape[1] != dim:
-        nodes = nodes._replace(look=np.zeros((len(rows), dim)))
+    if nodes.seen.look.shape[1] != dim:
+        nodes = nodes._replace(seen=nodes.seen._replace(look=np.zeros((len(rows), dim))))
     track, chain = np.unique(trails.track[rows], return_inverse=True)
     bounds = np.searchsorted(nodes.frame, np.arange(frame, len(population.time) + 1))
     at = [np.arange(a, b) for a, b in pairwise(bounds)]
     steps = [transition(motion, float(dt)) for dt in np.diff(population.time[frame:])]
     future = futures_of(at, nodes, chain, steps)[0]
-    ahead = ChainBoxes.of(nodes, chain, len(track)).at(future.chain)
+    ahead = ChainBoxes.of(nodes.seen, chain, len(track)).at(future.chain)
     past_of = np.full(len(track), -1)
     past_of[future.chain] = match_chains(pasts, future, ahead, _habits(learned.habits), population)
     frame_nodes = at[0]
@@ -267,14 +264,14 @@ def _identify(
         for old, name in zip(previous, names, strict=True)
         if old >= 0 and old != name and old not in pasts.name and old not in names
     ]
-    hidden = pasts.gap[linked[linked >= 0]] - 1
-    departed = (pasts.gap == HORIZON).sum()
+    hidden, begun = pasts.gap[linked[linked >= 0]], names[linked < 0]
+    longer = remember(pasts, linked, begun, nodes.at(frame_nodes), population)
+    departed = len(pasts.name) + len(begun) - len(longer.name)
     counted = np.array(
-        [(linked < 0).sum() + departed, len(frame_nodes), (hidden > 0).sum(), hidden.sum()], float
+        [len(begun) + departed, len(frame_nodes), (hidden > 0).sum(), hidden.sum()], float
     )
-    pasts = extend(pasts, linked, names, nodes.at(frame_nodes), population)
     learned = replace(learned, habits=learned.habits + counted)
-    state = _named(replace(state, pasts=pasts, learned=learned), numbers, names)
+    state = _named(replace(state, pasts=longer, learned=learned), numbers, names)
     return state, names, events
 
 
@@ -286,6 +283,6 @@ def _habits(counts: Float[np.ndarray, "4"]) -> AbsenceHabits:
 
 def forget_ended_tracks(state: TrackerState) -> TrackerState:
     """Forget the identities of tracks that nothing refers to any more."""
-    alive = [state.heads.track, *(i.node.track for i in state.window)]
+    alive = [state.heads.name, *(i.node.track for i in state.window)]
     known = np.isin(state.identity[:, 0], np.concatenate(alive))
     return replace(state, identity=state.identity[known])

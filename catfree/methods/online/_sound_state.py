@@ -25,7 +25,7 @@ _DEVIATIONS = [1, 3, 4]  # of `Learned.likeness`, with its limit
 _SLACK = 1.2  # squared correlations may exceed 1 by rounding
 _LEAST = {"support": -1, "group": -1, "spacing": 1} | dict.fromkeys(
     (
-        *("count", "names", "name", "track", "gap", "boxes"),
+        *("count", "tracks", "names", "name", "track", "gap", "boxes"),
         *("heights", "trials", "hits", "clutter", "steps", "habits", "place"),
     ),
     0,
@@ -101,7 +101,7 @@ def _require_numbers(value: np.ndarray, field: str, name: str, cameras: int) -> 
         good &= value >= _LEAST[field]
     if field == "group":
         good &= value < len(value)
-    if field in ("track", "times"):
+    if field in ("track", "times") or name == "heads.name":
         good[1:] &= np.diff(value) > 0
     if field.endswith("covariance"):
         within = np.where(good, value, 0.0)

@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -11,14 +11,15 @@ from jaxtyping import Bool, Float, Int
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.methods.evidence.observe._ground_cells import CELLS
 from catfree.methods.evidence.observe._measurement import Noise, start_noise
-from catfree.methods.evidence.track._identify import Pasts, no_pasts
-from catfree.methods.evidence.track._tracking import Heads, Node, no_heads
+from catfree.methods.evidence.track._pasts import Pasts, no_pasts
+from catfree.methods.evidence.track._tracking import Node
 from catfree.methods.online._sound_state import require_sound_arrays
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections
 from catfree.types._archive import load_arrays, save_arrays
 from catfree.types._validation import as_count
 
+M = TypeVar("M", Pasts, Node)
 _SIZES = ("cameras", "window", "recording")  # numbers of each in a file
 
 
@@ -102,7 +103,7 @@ class TrackerState:
         missing: (M, 2) instant and camera of pictures of the sample that do not exist.
         spacing: () instants between those of the sample.
         times: (K,) seconds of the last instants.
-        heads: the tracks being followed, T of them.
+        heads: the tracks being followed, T of them; `tracks`: () number of the next track.
         forward, weight: (T, 2) and (T,) of these as in `PendingInstant`.
         sure: (S, 2) positions of the last instant that are beyond doubt, in H0.
         window: the instants that are not final yet.
@@ -121,7 +122,8 @@ class TrackerState:
     missing: Int[np.ndarray, "missed 2"]
     spacing: Int[np.ndarray, ""]
     times: Float[np.ndarray, " k"]
-    heads: Heads
+    heads: Pasts
+    tracks: Int[np.ndarray, ""]
     forward: Float[np.ndarray, "track 2"]
     weight: Float[np.ndarray, " track"]
     sure: Float[np.ndarray, "s 2"]
@@ -191,7 +193,7 @@ def _state_of(arrays: dict[str, np.ndarray]) -> TrackerState:
     require_sound_arrays(arrays, empty, {"cam": cameras, "cells": CELLS, "dim": dim})
     _, kind = jax.tree.flatten(empty, is_leaf=_is_none)
     state = jax.tree.unflatten(kind, [arrays.get(name) for name in names])
-    follows = [(state.heads.track, state.weight)]
+    follows = [(state.heads.name, state.weight)]
     follows += [(instant.node.track, instant.weight) for instant in state.window]
     if any(len(tracks) != len(weights) for tracks, weights in follows):
         raise InvalidInputError("It holds another number of tracks than of their weights.")
@@ -244,7 +246,8 @@ def new_state(cameras: int, settings: EvidenceSettings) -> TrackerState:
         missing=np.zeros((0, 2), np.int64),
         spacing=np.array(1),
         times=np.zeros(0),
-        heads=no_heads(),
+        heads=no_pasts(0),
+        tracks=np.array(0),
         forward=np.zeros((0, 2)),
         weight=np.zeros(0),
         sure=np.zeros((0, 2)),
@@ -282,29 +285,23 @@ def rescaled(state: TrackerState, length: float, pace: float) -> TrackerState:
     scale = length * np.array([1, 1, 1, pace, pace])
     square = scale[:, None] * scale
 
-    def node(n: Node) -> Node:
-        return n._replace(
-            mean=n.mean * scale,
-            covariance=n.covariance * square,
-        )
+    def moved(known: M) -> M:
+        return known._replace(mean=known.mean * scale, covariance=known.covariance * square)
 
-    pasts = state.pasts
     return replace(
         state,
-        heads=replace(
-            state.heads, mean=state.heads.mean * scale, covariance=state.heads.covariance * square
-        ),
+        heads=moved(state.heads),
         sure=state.sure * length,
         window=tuple(
             i._replace(
-                node=node(i.node),
+                node=moved(i.node),
                 matrix=i.matrix / length**2,
                 vector=i.vector / length,
                 place=i.place * np.array([length, 1]),
             )
             for i in state.window
         ),
-        pasts=pasts._replace(mean=pasts.mean * scale, covariance=pasts.covariance * square),
+        pasts=moved(state.pasts),
     )
 
 
@@ -318,7 +315,7 @@ def with_looks(state: TrackerState, dim: int) -> TrackerState:
 
     return replace(
         state,
-        heads=replace(state.heads, look=room(state.heads.look)),
+        heads=state.heads._replace(look=room(state.heads.look)),
         window=tuple(i._replace(look=room(i.look)) for i in state.window),
         pasts=state.pasts._replace(look=room(state.pasts.look)),
     )

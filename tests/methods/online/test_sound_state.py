@@ -121,7 +121,7 @@ def test_what_no_tracker_has_is_refused(arrays, tmp_path, name, wrong, said):
     ("name", "change"),
     [
         (".heads.covariance", lambda v: -v),
-        (".heads.track", lambda v: v[::-1]),
+        (".heads.name", lambda v: v[::-1]),
         (".window[0].node.group", lambda v: v + len(v)),
         (".window[0].support", lambda v: v - 1),
         (".sample.camera", lambda v: v + 4),

@@ -16,15 +16,21 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.optimize import linear_sum_assignment
 
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.group._appearance import Looks
+from catfree.methods.evidence.track._pasts import (
+    Pasts,
+    SeenPositions,
+    assign,
+    extend,
+    no_pasts,
+    predict,
+)
 from catfree.methods.evidence.track._tracking import (
     Motion,
     Population,
     Trails,
-    corrected_states,
     distances,
     log_likelihood_of_states,
     transition,
@@ -62,26 +68,15 @@ class Nodes(NamedTuple):
 
     Attributes:
         frame: (N,) frame index.
-        matrix: (N, 3, 3) information of y1, y2, H.
-        vector: (N, 3) the matrix times the measured state.
-        look: (N, D) sum of the embeddings of each position's boxes; D is 0 without looks.
-        boxes: (N,) number of these.
+        seen: (N) what their boxes say.
     """
 
     frame: Int[np.ndarray, " n"]
-    matrix: Float[np.ndarray, "n 3 3"]
-    vector: Float[np.ndarray, "n 3"]
-    look: Float[np.ndarray, "n dim"]
-    boxes: Int[np.ndarray, " n"]
+    seen: SeenPositions
 
-    def at(self, rows) -> "Nodes":
+    def at(self, rows) -> SeenPositions:
         """Some of the positions."""
-        return Nodes(*(part[rows] for part in self))
-
-    def of_states(self) -> tuple[Float[np.ndarray, "n 5 5"], Float[np.ndarray, "n 5"]]:
-        """The information on y1, y2, H, v1, v2: nothing is known of the velocity."""
-        matrix = np.pad(self.matrix, ((0, 0), (0, 2), (0, 2)))
-        return matrix, np.pad(self.vector, ((0, 0), (0, 2)))
+        return self.seen.at(rows)
 
 
 def identify(
@@ -149,7 +144,7 @@ def nodes_of(
     if looks is not None:
         look, boxes = looks.total[group], looks.count[group]
         look[~is_detected], boxes[~is_detected] = 0, 0
-    return Nodes(trails.frame[rows], matrix, vector, look, boxes)
+    return Nodes(trails.frame[rows], SeenPositions(matrix, vector, look, boxes))
 
 
 def estimate_habits(
@@ -231,22 +226,22 @@ class ChainBoxes(NamedTuple):
     sightings: Int[np.ndarray, " k"]
 
     @classmethod
-    def of(cls, nodes: Nodes, chain: Int[np.ndarray, " n"], chains: int) -> "ChainBoxes":
+    def of(cls, seen: SeenPositions, chain: Int[np.ndarray, " n"], chains: int) -> "ChainBoxes":
         """Boxes of N positions; `chain` (N,) names one of `chains` for each of them."""
-        look = np.zeros((chains, nodes.look.shape[1]))
-        np.add.at(look, chain, nodes.look)
-        boxes = np.bincount(chain, nodes.boxes, chains).astype(int)
-        return cls(look, boxes, np.bincount(chain, nodes.boxes > 0, chains).astype(int))
+        look = np.zeros((chains, seen.look.shape[1]))
+        np.add.at(look, chain, seen.look)
+        boxes = np.bincount(chain, seen.boxes, chains).astype(int)
+        return cls(look, boxes, np.bincount(chain, seen.boxes > 0, chains).astype(int))
 
     def at(self, chains: Int[np.ndarray, " k"]) -> "ChainBoxes":
         """Some of the chains."""
         return ChainBoxes(*(part[chains] for part in self))
 
-    def subtract(self, nodes: Nodes, chain: Int[np.ndarray, " n"]) -> None:
+    def subtract(self, seen: SeenPositions, chain: Int[np.ndarray, " n"]) -> None:
         """Take away positions of different chains, in place."""
-        self.look[chain] -= nodes.look
-        self.boxes[chain] -= nodes.boxes
-        self.sightings[chain] -= nodes.boxes > 0
+        self.look[chain] -= seen.look
+        self.boxes[chain] -= seen.boxes
+        self.sightings[chain] -= seen.boxes > 0
 
 
 class Futures(NamedTuple):
@@ -262,7 +257,7 @@ def futures_of(
     at: list[np.ndarray], nodes: Nodes, chain: np.ndarray, steps: list[tuple]
 ) -> list[Futures]:
     """Compute the information on each chain's state at each frame from that and later frames."""
-    place = np.full(chain.max() + 1, -1)
+    place = np.full(chain.max(initial=-1) + 1, -1)
     future = Futures(np.zeros(0, int), np.zeros((0, 5, 5)), np.zeros((0, 5)), np.zeros(0, int))
     futures = []
     for t in range(len(at) - 1, -1, -1):
@@ -280,10 +275,12 @@ def futures_of(
         old = place[chain[rows]]
         hit, fresh = rows[old >= 0], rows[old < 0]
         old = old[old >= 0]
-        matrix[old, :3, :3] += nodes.matrix[hit]
-        vector[old, :3] += nodes.vector[hit]
+        matrix[old, :3, :3] += nodes.seen.matrix[hit]
+        vector[old, :3] += nodes.seen.vector[hit]
         wait[old] = 0
-        new_matrix, new_vector = nodes.at(fresh).of_states()
+        # Nothing is known of the velocity.
+        new_matrix = np.pad(nodes.seen.matrix[fresh], ((0, 0), (0, 2), (0, 2)))
+        new_vector = np.pad(nodes.seen.vector[fresh], ((0, 0), (0, 2)))
         future = Futures(
             np.concatenate([name, chain[fresh]]),
             np.concatenate([matrix, new_matrix]),
@@ -323,14 +320,14 @@ def sweep(
     kinds = {dt: transition(population.motion, dt) for dt in set(np.diff(population.time).tolist())}
     steps = [kinds[dt] for dt in np.diff(population.time).tolist()]
     futures = futures_of(at, nodes, chain, steps)
-    pasts = no_pasts(nodes.look.shape[1])
+    pasts = no_pasts(nodes.seen.look.shape[1])
     chains = int(chain.max()) + 1
-    ahead = ChainBoxes.of(nodes, chain, chains)
+    ahead = ChainBoxes.of(nodes.seen, chain, chains)
     names, count = np.zeros(len(chain), int), 0
     place = np.full(chains, -1)
     for t, future in enumerate(futures):
         if t:
-            pasts = later(pasts, *steps[t - 1])
+            pasts = predict(pasts, *steps[t - 1])
         name = future.chain
         past = match_chains(pasts, future, ahead.at(name), habits, population)
         rows = at[t]
@@ -338,42 +335,12 @@ def sweep(
         linked = past[place[chain[rows]]]
         new = linked < 0
         names[rows[~new]] = pasts.name[linked[~new]]
-        names[rows[new]] = count + np.arange(new.sum())
-        count += int(new.sum())
+        names[rows[new]] = begun = count + np.arange(new.sum())
+        count += len(begun)
         seen = nodes.at(rows)
-        pasts = extend(pasts, linked, names[rows], seen, population)
+        pasts = remember(pasts, linked, begun, seen, population)
         ahead.subtract(seen, chain[rows])
     return names
-
-
-class Pasts(NamedTuple):
-    """Chains up to one frame.
-
-    Attributes:
-        name: (T,) identity.
-        gap: (T,) frames since the last position.
-        mean: (T, 5) state at the frame, and `covariance`: (T, 5, 5).
-        look: (T, D) sum of the embeddings of the boxes, and `boxes`: (T,) their number.
-    """
-
-    name: Int[np.ndarray, " t"]
-    gap: Int[np.ndarray, " t"]
-    mean: Float[np.ndarray, "t 5"]
-    covariance: Float[np.ndarray, "t 5 5"]
-    look: Float[np.ndarray, "t dim"]
-    boxes: Int[np.ndarray, " t"]
-
-
-def no_pasts(dim: int) -> Pasts:
-    """No chains yet, with embeddings of `dim` numbers."""
-    none = np.zeros(0, int)
-    return Pasts(none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), np.zeros((0, dim)), none)
-
-
-def later(pasts: Pasts, A: Float[np.ndarray, "5 5"], Q: Float[np.ndarray, "5 5"]) -> Pasts:
-    """The chains one frame later; those without a position for too long end."""
-    name, gap, mean, cov, look, boxes = (part[pasts.gap < HORIZON] for part in pasts)
-    return Pasts(name, gap + 1, mean @ A.T, A @ cov @ A.T + Q, look, boxes)
 
 
 def _new_person(population: Population) -> tuple[np.ndarray, np.ndarray]:
@@ -403,9 +370,8 @@ def match_chains(
         (K,) row of the past that each continues, or -1.
     """
     _, matrix, vector, wait = future
-    past = np.full(len(matrix), -1)
-    if len(past) == 0 or len(pasts.name) == 0:
-        return past
+    if len(matrix) == 0 or len(pasts.name) == 0:
+        return np.full(len(matrix), -1)
     density, spread, speed = population.density, population.spread, population.motion.speed
     # Of the prior of a new person, and of leaving and coming instead of staying.
     constant = np.log(2 * np.pi * density) - np.log(spread * speed**2)
@@ -417,7 +383,7 @@ def match_chains(
     place = (around @ start[..., None])[..., 0]
     value = constant + 0.5 * ((start * place).sum(-1) - np.linalg.slogdet(alone)[1])
     mean, cov = pasts.mean, pasts.covariance
-    hidden = pasts.gap[:, None] - 1 + wait[None]
+    hidden = pasts.gap[:, None] + wait[None]
     surprise = habits.surprise(hidden)
     m2, area = distances(mean[:, :2], cov[:, :2, :2], place[:, :2], around[:, :2, :2])
     cost = surprise + np.log(2 * np.pi * density * habits.leave**2)
@@ -434,45 +400,24 @@ def match_chains(
         each = ahead.boxes / np.maximum(ahead.sightings, 1)
         ratio = population.looks.compare(pasts.look, pasts.boxes, ahead.look, ahead.boxes, each)
         gain[i, j] += ratio[i, j]
-    rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
-    good = gain[rows, columns] > 0
-    past[columns[good]] = rows[good]
-    return past
+    return assign(gain)
 
 
-def extend(
+def remember(
     pasts: Pasts,
     linked: Int[np.ndarray, " n"],
-    names: Int[np.ndarray, " n"],
-    nodes: Nodes,
+    begun: Int[np.ndarray, " new"],
+    seen: SeenPositions,
     population: Population,
 ) -> Pasts:
-    """Add the positions of a frame to their chains.
+    """Add the positions of a frame to their chains; chains without one for too long end.
 
     Args:
-        pasts: the chains up to the frame before, predicted for this one.
-        linked: (n,) the past that each position continues; -1 begins a chain.
-        names: (n,) identities.
-        nodes: (n) the positions.
+        pasts: as `extend`.
+        linked: as `extend`.
+        begun: as `extend`.
+        seen: as `extend`.
         population: what is the same for all chains.
     """
-    hit, new = linked >= 0, linked < 0
-    old = linked[hit]
-    mean, cov, gap = pasts.mean.copy(), pasts.covariance.copy(), pasts.gap.copy()
-    look, boxes = pasts.look.copy(), pasts.boxes.copy()
-    mean[old], cov[old] = corrected_states(
-        mean[old], cov[old], nodes.matrix[hit], nodes.vector[hit]
-    )
-    gap[old] = 0
-    look[old] += nodes.look[hit]
-    boxes[old] += nodes.boxes[hit]
-    longer = Pasts(pasts.name, gap, mean, cov, look, boxes)
-    if not new.any():
-        return longer
-    prior, pull = _new_person(population)
-    matrix, vector = nodes.at(new).of_states()
-    first = np.linalg.inv(matrix + prior)
-    start = (first @ (vector + pull)[..., None])[..., 0]
-    none = np.zeros(len(start), int)
-    begun = Pasts(names[new], none, start, first, nodes.look[new], nodes.boxes[new])
-    return Pasts(*map(np.concatenate, zip(longer, begun, strict=True)))
+    longer = extend(pasts, linked, begun, seen, population.spread, population.motion.speed)
+    return longer.seen_within(HORIZON - 1)

@@ -7,12 +7,19 @@ from typing import NamedTuple
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
 from catfree.methods.evidence._gaussian import Information, log_evidence, mean_and_covariance
 from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.track._pasts import (
+    Pasts,
+    SeenPositions,
+    assign,
+    extend,
+    no_pasts,
+    predict,
+)
 from catfree.settings import EvidenceSettings
 from catfree.types._annotations import HostOrDevice
 
@@ -198,24 +205,9 @@ def log_likelihood_of_states(
     return 0.5 * (form - np.log(np.linalg.det(loss)))
 
 
-def corrected_states(
-    mean: Float[np.ndarray, "t n"],
-    covariance: Float[np.ndarray, "t n n"],
-    matrix: Float[HostOrDevice, "t d d"],
-    vector: Float[HostOrDevice, "t d"],
-) -> tuple[Float[np.ndarray, "t n"], Float[np.ndarray, "t n n"]]:
-    """Uncertain states after information (M, v) on their first d numbers."""
-    # (C⁻¹ + M)⁻¹ = (1 + C M)⁻¹ C; nothing is subtracted, so that it remains positive definite.
-    part = covariance[:, :, : vector.shape[-1]]
-    loss = np.tile(np.eye(mean.shape[-1]), (len(mean), 1, 1))
-    loss[:, :, : vector.shape[-1]] += part @ matrix
-    pulled = mean[..., None] + part @ vector[..., None]
-    after = np.linalg.solve(loss, np.concatenate([covariance, pulled], -1))
-    return after[..., -1], after[..., :-1]
-
-
-def _link_gain(mean, covariance, info: Information, alone: Alone, gate):
+def _link_gain(before: Pasts, info: Information, alone: Alone, gate):
     """(T, K) log evidence that a group continues a track rather than being a new person."""
+    mean, covariance = before.mean[:, :3], before.covariance[:, :3, :3]
     center, around = alone.mean[:, :2], alone.covariance[:, :2, :2]
     m2, _ = distances(mean[:, :2], covariance[:, :2, :2], center, around)
     i, j = np.nonzero(m2 < gate)
@@ -259,46 +251,18 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
     time, looks = population.time, population.looks
     likely = np.flatnonzero(log_odds > -population.settings.evidence_limit / 2)
     bounds = np.searchsorted(groups.frame[likely], np.arange(len(time) + 1))
-    heads = no_heads(0 if looks is None else looks.total.shape[1])
-    history = []
+    heads = no_pasts(0 if looks is None else looks.total.shape[1])
+    history, count = [], 0
     for t in range(len(time)):
         rows = likely[bounds[t] : bounds[t + 1]]
         info = groups.info[rows]
         alone = Alone.of(info, population.density, population.spread)
-        step = float(time[t] - time[t - 1]) if t else 0.0
-        node, heads = link(heads, info, alone, rows, step, population)
+        if t:
+            heads = predict(heads, *transition(population.motion, float(time[t] - time[t - 1])))
+        node, heads = link(heads, info, alone, rows, count, population)
+        count = max(count, int(node.track.max(initial=-1)) + 1)
         history.append(node)
     return smooth(history, time, population.motion)
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class Heads:
-    """The tracks that are being followed, in the order of their numbers.
-
-    Attributes:
-        track: (T,) number.
-        gap: (T,) frames since it was seen.
-        mean: (T, 5) as in `Trails`, and `covariance`: (T, 5, 5).
-        look: (T, D) sum of the embeddings of its boxes, and `boxes`: (T,) their number.
-        count: () number of the next track.
-    """
-
-    track: Int[np.ndarray, " track"]
-    gap: Int[np.ndarray, " track"]
-    mean: Float[np.ndarray, "track 5"]
-    covariance: Float[np.ndarray, "track 5 5"]
-    look: Float[np.ndarray, "track dim"]
-    boxes: Int[np.ndarray, " track"]
-    count: Int[np.ndarray, ""]
-
-
-def no_heads(dim: int = 0) -> Heads:
-    """No tracks yet, with embeddings of `dim` numbers."""
-    none = np.zeros(0, int)
-    return Heads(
-        none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), np.zeros((0, dim)), none, np.array(0)
-    )  # fmt: skip
 
 
 class Node(NamedTuple):
@@ -316,89 +280,47 @@ class Node(NamedTuple):
     covariance: Float[np.ndarray, "track 5 5"]
 
 
-def predict(heads: Heads, motion: Motion, step: float) -> Heads:
-    """The tracks some usual steps later; 0 changes nothing."""
-    if step == 0:
-        return heads
-    A, Q = transition(motion, step)
-    return replace(heads, mean=heads.mean @ A.T, covariance=A @ heads.covariance @ A.T + Q)
-
-
 def link(
-    heads: Heads,
+    before: Pasts,
     info: Information,
     alone: Alone,
     group: Int[np.ndarray, " k"],
-    step: float,
+    count: int,
     population: Population,
-) -> tuple[Node, Heads]:
+) -> tuple[Node, Pasts]:
     """Assign groups to tracks, update these, and begin new tracks with the other groups.
 
     Args:
-        heads: the tracks.
+        before: the tracks, predicted for this frame.
         info: (K) of the groups of this frame.
         alone: (K) the same groups without a track.
         group: (K,) their rows in `looks`, which `Node.group` names.
-        step: time since the frame before, in usual steps; 0 for the first.
+        count: number of the next track.
         population: what is the same for all tracks.
 
     Returns:
         The tracks of this frame, and those of them to follow further.
     """
-    motion, settings, looks = population.motion, population.settings, population.looks
-    before = predict(heads, motion, step)
-    mean, cov = before.mean, before.covariance
-    assigned = np.full(len(before.track), -1)
-    if len(assigned) and len(group):
-        block = max(1, LINKS_AT_A_TIME // len(group))
-        gain = np.concatenate([
-            _link_gain(
-                mean[i : i + block, :3], cov[i : i + block, :3, :3], info, alone, settings.gate
-            )
-            for i in range(0, len(assigned), block)
-        ])  # fmt: skip
-        gain = gain - settings.gap_penalty * before.gap[:, None]
-        if looks is not None:
-            gain = gain + looks.ratio(before.look, before.boxes, group)
-        rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
-        good = gain[rows, columns] > 0
-        assigned[rows[good]] = columns[good]
-    hit = np.flatnonzero(assigned >= 0)
-    if len(hit):
-        known = info[assigned[hit]]
-        mean, cov = mean.copy(), cov.copy()
-        mean[hit], cov[hit] = corrected_states(mean[hit], cov[hit], known.matrix, known.vector)
-    gap = np.where(assigned >= 0, 0, before.gap + 1)
-    is_new = np.ones(len(group), bool)
-    is_new[assigned[hit]] = False
-    fresh = np.flatnonzero(is_new)
-    new_mean = np.zeros((len(fresh), 5))
-    new_mean[:, :3] = alone.mean[fresh]
-    new_cov = np.zeros((len(fresh), 5, 5))
-    new_cov[:, :3, :3] = alone.covariance[fresh]
-    new_cov[:, 3, 3] = new_cov[:, 4, 4] = motion.speed**2
-    look, boxes = before.look, before.boxes
-    new_look, new_boxes = np.zeros((len(fresh), look.shape[1])), np.zeros(len(fresh), int)
+    settings, looks = population.settings, population.looks
+    block = max(1, LINKS_AT_A_TIME // max(len(group), 1))
+    gain = np.concatenate([
+        _link_gain(before.at(slice(i, i + block)), info, alone, settings.gate)
+        for i in range(0, max(len(before.name), 1), block)
+    ])  # fmt: skip
+    gain = gain - settings.gap_penalty * before.gap[:, None]
+    look, boxes = np.zeros((len(group), before.look.shape[1])), np.zeros(len(group), int)
     if looks is not None:
-        look, boxes = look.copy(), boxes.copy()
-        look[hit] += looks.total[group[assigned[hit]]]
-        boxes[hit] += looks.count[group[assigned[hit]]]
-        new_look, new_boxes = looks.total[group[fresh]], looks.count[group[fresh]]
-    look, boxes = np.concatenate([look, new_look]), np.concatenate([boxes, new_boxes])
-    linked = np.full(len(assigned), -1)
-    linked[hit] = group[assigned[hit]]
-    node = Node(
-        track=np.concatenate([before.track, before.count + np.arange(len(fresh))]),
-        group=np.concatenate([linked, group[fresh]]).astype(int),
-        mean=np.concatenate([mean, new_mean]),
-        covariance=np.concatenate([cov, new_cov]),
-    )
-    gap = np.concatenate([gap, np.zeros(len(fresh), int)])
-    kept = gap <= settings.gap
-    return node, Heads(
-        node.track[kept], gap[kept], node.mean[kept], node.covariance[kept], look[kept],
-        boxes[kept], np.asarray(before.count + len(fresh)),
-    )  # fmt: skip
+        look, boxes = looks.total[group], looks.count[group]
+        gain = gain + looks.ratio(before.look, before.boxes, group)
+    past = assign(gain)
+    is_new = past < 0
+    begun = count + np.arange(is_new.sum())
+    seen = SeenPositions(info.matrix, info.vector, look, boxes)
+    tracks = extend(before, past, begun, seen, population.spread, population.motion.speed)
+    linked = np.full(len(tracks.name), -1)
+    linked[np.where(is_new, len(before.name) + np.cumsum(is_new) - 1, past)] = group
+    node = Node(tracks.name, linked, tracks.mean, tracks.covariance)
+    return node, tracks.seen_within(settings.gap)
 
 
 def smooth(

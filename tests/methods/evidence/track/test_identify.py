@@ -20,6 +20,7 @@ from catfree.methods.evidence.track._identify import (
     identify,
     sweep,
 )
+from catfree.methods.evidence.track._pasts import SeenPositions
 from catfree.methods.evidence.track._tracking import Motion, Population, Trails, transition
 from catfree.settings import EvidenceSettings
 
@@ -38,9 +39,8 @@ def nodes_at(frame, state, noise=NOISE):
     """Positions sorted by frame, measured (N, 3) with a deviation, without looks."""
     frame, state = np.asarray(frame, int), np.asarray(state, float)
     matrix = np.tile(np.eye(3) / noise**2, (len(frame), 1, 1))
-    return Nodes(
-        frame, matrix, state / noise**2, np.zeros((len(frame), 0)), np.zeros(len(frame), int)
-    )
+    looks = np.zeros((len(frame), 0)), np.zeros(len(frame), int)
+    return Nodes(frame, SeenPositions(matrix, state / noise**2, *looks))
 
 
 def crowd(seed, people=4, frames=12, room=3.0, recall=0.85):
@@ -68,7 +68,7 @@ def dense_evidence(nodes, chain, known, habits=HABITS):
     for name in np.unique(chain):
         rows = np.flatnonzero(chain == name)
         frame = nodes.frame[rows]
-        measured = nodes.vector[rows] * NOISE**2
+        measured = nodes.seen.vector[rows] * NOISE**2
         # Moments of the states of a new person; a wide place stands for the uniform one.
         wide = 1e3
         P = np.diag([wide**2] * 2 + [SPREAD**2] + [MOTION.speed**2] * 2)
@@ -132,7 +132,7 @@ def test_names_and_the_order_within_a_frame_change_no_identity(seed, random):
     order = list(range(len(person)))
     random.shuffle(order)
     order = np.array(order)[np.argsort(nodes.frame[order], kind="stable")]
-    mixed = Nodes(*(column[order] for column in nodes))
+    mixed = Nodes(nodes.frame[order], nodes.at(order))
     name = np.random.default_rng(seed).permutation(person.max() + 1)
     plain = sweep(nodes, person, HABITS, population(12))[order]
     other = sweep(mixed, name[person[order]], HABITS, population(12))
@@ -207,9 +207,9 @@ def test_looks_decide_whether_two_who_met_passed_or_turned_back():
     np.testing.assert_array_equal(settled(nodes, side, known)[apart], passed[apart])
     looks = Looks(np.zeros((0, 2)), np.zeros(0, int), Likeness((0.1, 0.1), (0.9, 0.1), 4.0), 0.5)
     for who in (passed, side):
-        seen = nodes._replace(look=np.eye(2)[who] * 3, boxes=np.full(len(who), 3))
+        seen = nodes.seen._replace(look=np.eye(2)[who] * 3, boxes=np.full(len(who), 3))
         for start in (passed, side):
-            found = settled(seen, start, known._replace(looks=looks))
+            found = settled(nodes._replace(seen=seen), start, known._replace(looks=looks))
             np.testing.assert_array_equal(found[apart], who[apart])
 
 
@@ -255,8 +255,8 @@ def tracks(person, nodes):
     """Trails and information of groups that hold the same as nodes."""
     N = len(person)
     order = np.lexsort((nodes.frame, person))
-    info = Information(nodes.matrix[order], nodes.vector[order], np.zeros(N))
-    mean = np.pad(nodes.vector[order] * NOISE**2, ((0, 0), (0, 2)))
+    info = Information(nodes.seen.matrix[order], nodes.seen.vector[order], np.zeros(N))
+    mean = np.pad(nodes.seen.vector[order] * NOISE**2, ((0, 0), (0, 2)))
     cov = np.tile(NOISE**2 * np.eye(5), (N, 1, 1))
     return Trails(person[order], nodes.frame[order], np.arange(N), mean, cov), info
 

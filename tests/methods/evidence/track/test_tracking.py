@@ -10,10 +10,10 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.track._pasts import corrected_states
 from catfree.methods.evidence.track._tracking import (
     Motion,
     Population,
-    corrected_states,
     estimate_motion,
     follow,
     log_likelihood_of_states,

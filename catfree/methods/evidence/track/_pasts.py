@@ -1,0 +1,140 @@
+"""What is known of each person up to one instant: a Kalman filter, forward in time.
+
+Tracks are followed this way, and so are the identities that are made of them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import linear_sum_assignment
+
+from catfree.methods.evidence._gaussian import Information, mean_and_covariance
+from catfree.types._annotations import HostOrDevice
+
+
+class SeenPositions(NamedTuple):
+    """What boxes say of positions.
+
+    Attributes:
+        matrix: (N, 3, 3) information of y1, y2, H.
+        vector: (N, 3) the matrix times the measured state.
+        look: (N, D) sum of the embeddings of each position's boxes; D is 0 without looks.
+        boxes: (N,) number of these.
+    """
+
+    matrix: Float[HostOrDevice, "n 3 3"]
+    vector: Float[HostOrDevice, "n 3"]
+    look: Float[np.ndarray, "n dim"]
+    boxes: Int[np.ndarray, " n"]
+
+    def at(self, rows) -> "SeenPositions":
+        """Some of the positions."""
+        matrix, vector, look, boxes = self
+        return SeenPositions(matrix[rows], vector[rows], look[rows], boxes[rows])
+
+
+class Pasts(NamedTuple):
+    """The people of an instant, each with the positions of one name so far.
+
+    Attributes:
+        name: (T,) number.
+        gap: (T,) frames since the last position; 0 if it is of this instant.
+        mean: (T, 5) y1, y2, H, v1, v2 per usual step, and `covariance`: (T, 5, 5).
+        look: (T, D) sum of the embeddings of the boxes, and `boxes`: (T,) their number.
+    """
+
+    name: Int[np.ndarray, " past"]
+    gap: Int[np.ndarray, " past"]
+    mean: Float[np.ndarray, "past 5"]
+    covariance: Float[np.ndarray, "past 5 5"]
+    look: Float[np.ndarray, "past dim"]
+    boxes: Int[np.ndarray, " past"]
+
+    def at(self, rows) -> "Pasts":
+        """Some of the people."""
+        return Pasts(*(part[rows] for part in self))
+
+    def seen_within(self, frames: int) -> "Pasts":
+        """Those with a position in this instant or so many before it."""
+        return self.at(self.gap <= frames)
+
+
+def no_pasts(dim: int) -> Pasts:
+    """Nobody yet, with embeddings of `dim` numbers."""
+    none = np.zeros(0, int)
+    return Pasts(none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), np.zeros((0, dim)), none)
+
+
+def predict(pasts: Pasts, A: Float[np.ndarray, "5 5"], Q: Float[np.ndarray, "5 5"]) -> Pasts:
+    """Where people are after a step with this transition and noise."""
+    return pasts._replace(mean=pasts.mean @ A.T, covariance=A @ pasts.covariance @ A.T + Q)
+
+
+def assign(gain: Float[np.ndarray, "past n"]) -> Int[np.ndarray, " n"]:
+    """Assign people to positions so that the sum of the positive gains is greatest.
+
+    Args:
+        gain: (T, N) log evidence that a position continues a past rather than being a new person.
+
+    Returns:
+        (N,) row of the past that each position continues; -1 begins a new one.
+    """
+    rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
+    good = gain[rows, columns] > 0
+    past = np.full(gain.shape[1], -1)
+    past[columns[good]] = rows[good]
+    return past
+
+
+def extend(
+    pasts: Pasts,
+    linked: Int[np.ndarray, " n"],
+    begun: Int[np.ndarray, " new"],
+    seen: SeenPositions,
+    spread: float,
+    speed: float,
+) -> Pasts:
+    """Add the positions of an instant to the people before it, and begin new people after them.
+
+    Args:
+        pasts: the people before, predicted for this instant.
+        linked: (n,) the past that each position continues; -1 begins a new one.
+        begun: names of the new ones, in the order of their positions.
+        seen: (n) the positions.
+        spread: of heights in H0.
+        speed: standard deviation of a velocity component, H0 per usual step.
+    """
+    hit, new = linked >= 0, linked < 0
+    old = linked[hit]
+    mean, cov, gap = pasts.mean.copy(), pasts.covariance.copy(), pasts.gap + 1
+    look, boxes = pasts.look.copy(), pasts.boxes.copy()
+    mean[old], cov[old] = corrected_states(mean[old], cov[old], seen.matrix[hit], seen.vector[hit])
+    gap[old] = 0
+    look[old] += seen.look[hit]
+    boxes[old] += seen.boxes[hit]
+    info = Information(seen.matrix[new], seen.vector[new], np.zeros(len(begun)))
+    place, around = mean_and_covariance(info, spread)
+    state = np.pad(place, ((0, 0), (0, 2)))
+    covariance = np.pad(around, ((0, 0), (0, 2), (0, 2)))
+    covariance[:, [3, 4], [3, 4]] = speed**2
+    none = np.zeros(len(begun), int)
+    added = Pasts(begun, none, state, covariance, seen.look[new], seen.boxes[new])
+    longer = pasts._replace(mean=mean, covariance=cov, gap=gap, look=look, boxes=boxes)
+    return Pasts(*map(np.concatenate, zip(longer, added, strict=True)))
+
+
+def corrected_states(
+    mean: Float[np.ndarray, "t n"],
+    covariance: Float[np.ndarray, "t n n"],
+    matrix: Float[HostOrDevice, "t d d"],
+    vector: Float[HostOrDevice, "t d"],
+) -> tuple[Float[np.ndarray, "t n"], Float[np.ndarray, "t n n"]]:
+    """Uncertain states after information (M, v) on their first d numbers."""
+    # (C⁻¹ + M)⁻¹ = (1 + C M)⁻¹ C; nothing is subtracted, so that it remains positive definite.
+    part = covariance[:, :, : vector.shape[-1]]
+    loss = np.tile(np.eye(mean.shape[-1]), (len(mean), 1, 1))
+    loss[:, :, : vector.shape[-1]] += part @ matrix
+    pulled = mean[..., None] + part @ vector[..., None]
+    after = np.linalg.solve(loss, np.concatenate([covariance, pulled], -1))
+    return after[..., -1], after[..., :-1]
