@@ -4,6 +4,7 @@ Certainty matters more than number: groups barely supported by three cameras are
 to hold a wrong camera in place.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +54,9 @@ def confident_people(
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
-    solution = evidence.solve(detections, scene, settings, finish=False)
+    # Later rounds, with tracks as priors, add people who are less certain.
+    once = replace(settings, passes=min(settings.passes, 1))
+    solution = evidence.solve(detections, scene, once, finish=False)
     clusters = evidence.clusters_of(solution)
     is_confident = clusters.strict() & ((clusters.member >= 0).sum(1) >= fewest_views)
     member, sigma = clusters.member[is_confident], clusters.sigma[is_confident]
