@@ -129,12 +129,15 @@ class EvidenceLoop:
             return None
 
     def replace_outliers(self, calibration: Calibration) -> Calibration:
-        """Move every outlier camera to a position where more of its boxes fit, if there is one."""
+        """Move every outlier camera to a position where more of its boxes fit, if there is one.
+
+        One round without the camera undoes most of what it did to the others.
+        """
         tried: set[int] = set()
         while (camera := self._worst_outlier(calibration, tried)) is not None:
             tried.add(camera)
             others = without_camera(calibration, camera, self.settings.calibration)
-            better = self._better_placed(self.refine(others), camera, calibration)
+            better = self._better_placed(self.refine_once(others) or others, camera, calibration)
             calibration = better or calibration
         return calibration
 
