@@ -117,7 +117,7 @@ def advance(
     info = groups.info[rows]
     population = Population(np.zeros(1), motion, density, spread, settings, looks)
     alone = Alone.of(info, density, spread)
-    node, followed = link(heads, info, alone, rows, int(state.tracks), population)
+    node, followed, tracks = link(heads, info, alone, rows, int(state.tracks), population)
     hit = node.group >= 0
     hit_groups = node.group[hit]
     instant = np.zeros(len(hit), np.int64)
@@ -175,7 +175,7 @@ def advance(
         state,
         learned=learned,
         heads=followed,
-        tracks=np.array(max(int(state.tracks), int(node.track.max(initial=-1)) + 1)),
+        tracks=np.array(tracks),
         forward=forward[alive],
         weight=weight[alive],
         sure=sure,

@@ -229,10 +229,8 @@ def _identify(
     """Match the final positions so far with all that is known from one frame on."""
     learned = state.learned
     motion = population.motion
-    pasts = state.pasts
     step = usual_steps(learned, float(state.final_time), time)
-    if step:
-        pasts = predict(pasts, *transition(motion, step))
+    pasts = predict(state.pasts, *transition(motion, step))
     rows = np.flatnonzero(reported & (trails.frame >= frame))
     rows = rows[np.argsort(trails.frame[rows], kind="stable")]
     nodes = nodes_of(trails, rows, extra, info, population.looks)

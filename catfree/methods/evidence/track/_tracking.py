@@ -259,8 +259,7 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
         alone = Alone.of(info, population.density, population.spread)
         if t:
             heads = predict(heads, *transition(population.motion, float(time[t] - time[t - 1])))
-        node, heads = link(heads, info, alone, rows, count, population)
-        count = max(count, int(node.track.max(initial=-1)) + 1)
+        node, heads, count = link(heads, info, alone, rows, count, population)
         history.append(node)
     return smooth(history, time, population.motion)
 
@@ -287,7 +286,7 @@ def link(
     group: Int[np.ndarray, " k"],
     count: int,
     population: Population,
-) -> tuple[Node, Pasts]:
+) -> tuple[Node, Pasts, int]:
     """Assign groups to tracks, update these, and begin new tracks with the other groups.
 
     Args:
@@ -299,7 +298,7 @@ def link(
         population: what is the same for all tracks.
 
     Returns:
-        The tracks of this frame, and those of them to follow further.
+        The tracks of this frame, those of them to follow further, and the number of the next one.
     """
     settings, looks = population.settings, population.looks
     block = max(1, LINKS_AT_A_TIME // max(len(group), 1))
@@ -320,7 +319,7 @@ def link(
     linked = np.full(len(tracks.name), -1)
     linked[np.where(is_new, len(before.name) + np.cumsum(is_new) - 1, past)] = group
     node = Node(tracks.name, linked, tracks.mean, tracks.covariance)
-    return node, tracks.seen_within(settings.gap)
+    return node, tracks.seen_within(settings.gap), count + len(begun)
 
 
 def smooth(
