@@ -58,14 +58,15 @@ class PairRatios:
     def __call__(
         self, one: Int[np.ndarray, " pair"], two: Int[np.ndarray, " pair"]
     ) -> Float[np.ndarray, " pair"]:
-        """Ratios of pairs of boxes, given by their rows."""
+        """Ratios of pairs of boxes, given by their rows; 0 where one has no embedding."""
         cosine = np.empty(len(one), np.float32)
         step = max(NUMBERS_AT_A_TIME // self.embedding.dim, 1)
         for begin in range(0, len(one), step):
             pairs = slice(begin, begin + step)
             left, right = self.embedding[one[pairs]], self.embedding[two[pairs]]
             np.einsum("nd,nd->n", left, right, out=cosine[pairs])
-        return self.weight * self.likeness(1 - cosine)
+        known = self.embedding.exists(one) & self.embedding.exists(two)
+        return np.where(known, self.weight * self.likeness(1 - cosine), 0.0)
 
     def of_boxes(self, rows: slice) -> "PairRatios":
         """Those of some boxes alone, which are counted from the first of them."""
@@ -86,10 +87,10 @@ def learn_ratios(boxes: Boxes, groups: Groups, settings: EvidenceSettings) -> Pa
     within, between = [], []
     for begin, end in pairwise([*begins, len(strong)]):
         member = groups.member[strong[begin:end]]
-        looks = boxes.embedding[member]
+        looks, known = boxes.embedding[member], (member >= 0) & boxes.embedding.exists(member)
         # Products of few rows: BLAS divides larger ones among threads, which wait for each other.
         for one, two in combinations(range(member.shape[1]), 2):
-            left, right = (np.flatnonzero(member[:, camera] >= 0) for camera in (one, two))
+            left, right = (np.flatnonzero(known[:, camera]) for camera in (one, two))
             distance = 1 - looks[left, one] @ looks[right, two].T
             same = left[:, None] == right
             within.append(distance[same])
@@ -105,15 +106,18 @@ def learn_ratios(boxes: Boxes, groups: Groups, settings: EvidenceSettings) -> Pa
 
 
 def appearance_log_odds(groups: Groups, ratios: PairRatios | None) -> Float[np.ndarray, " group"]:
-    """Appearance log-odds of each group: the mean pairwise ratio times the k - 1 new boxes."""
+    """Appearance log-odds of each group: the mean pairwise ratio times the k - 1 new boxes.
+
+    Boxes without embedding do not count.
+    """
     total = np.zeros(len(groups))
     if ratios is None:
         return total
     for one, two in combinations(groups.member.T, 2):
         both = np.flatnonzero((one >= 0) & (two >= 0))
         total[both] += ratios(one[both], two[both])
-    count = (groups.member >= 0).sum(1)
-    return (count - 1) * total / np.maximum(count * (count - 1) / 2, 1)
+    known = (groups.member >= 0) & ratios.embedding.exists(groups.member)
+    return 2 * total / np.maximum(known.sum(1), 1)
 
 
 @jax.tree_util.register_dataclass
@@ -191,7 +195,7 @@ def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:
         member: (H, C) boxes of each group, -1 for none.
     """
     embedding = ratios.embedding
-    is_usable = (member >= 0) & (embedding.length[np.maximum(member, 0)] > 0)
+    is_usable = (member >= 0) & embedding.exists(member)
     total = np.zeros((len(member), embedding.dim), np.float32)
     for camera in range(member.shape[1]):
         rows = np.flatnonzero(is_usable[:, camera])

@@ -5,7 +5,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 BLOCK = 4096  # embeddings measured together
 LEAST_LENGTH = 1e-12  # of an embedding; shorter ones say nothing
@@ -36,6 +36,10 @@ class Embeddings:
         raw, length = self.raw[self.row[boxes]], np.maximum(self.length[boxes], LEAST_LENGTH)
         unit = np.empty(raw.shape, np.float32)
         return np.divide(raw, length[..., None], out=unit, dtype=np.float64, casting="same_kind")
+
+    def exists(self, boxes: Int[np.ndarray, "*n"]) -> Bool[np.ndarray, "*n"]:
+        """Return whether each of these boxes has an embedding."""
+        return self.length[boxes] > 0
 
     def of_boxes(self, boxes: slice) -> "Embeddings":
         """Those of some boxes alone, which are counted from the first of them."""

@@ -7,17 +7,20 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence._solve import solve
 from catfree.methods.evidence.group import _appearance as appearance
 from catfree.methods.evidence.group._appearance import (
     Likeness,
     Looks,
     PairRatios,
+    appearance_log_odds,
     looks_of,
 )
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._embeddings import embeddings_of
 from catfree.methods.evidence.track._tracking import Motion, Population, follow
 from catfree.settings import EvidenceSettings
+from catfree.synthetic import make_world
 
 LIKENESS = Likeness((0.1, 0.05), (0.7, 0.15), 4.0)
 WEIGHT = EvidenceSettings().appearance_weight
@@ -60,6 +63,34 @@ def test_ratios_of_pairs_are_those_of_all_pairs(monkeypatch, at_a_time):
     some = ratios.of_boxes(slice(7, 12))
     one, two = np.divmod(np.arange(25), 5)
     np.testing.assert_allclose(some(one, two).reshape(5, 5), expected[7:, 7:], rtol=1e-4)
+
+
+@given(st.integers(0, 10**6))
+def test_boxes_without_embedding_say_nothing(seed):
+    rng = np.random.default_rng(seed)
+    embedding, member = unit(rng, 12, 5), np.arange(12).reshape(3, 4)
+    blank = rng.random(12) < 0.4
+    embedding[blank] = 0
+    ratios = PairRatios(embeddings_of(embedding, np.arange(12)), LIKENESS, WEIGHT)
+    one, two = np.divmod(np.arange(144), 12)
+    either = blank[one] | blank[two]
+    assert (ratios(one, two)[either] == 0).all()
+    info = Information(np.zeros((3, 3, 3)), np.zeros((3, 3)), np.zeros(3))
+    groups = Groups(np.arange(3), member, info, np.zeros(3))
+    without = dataclasses.replace(groups, member=np.where(blank[member], -1, member))
+    np.testing.assert_array_equal(
+        appearance_log_odds(groups, ratios), appearance_log_odds(without, ratios)
+    )
+
+
+def test_looks_are_learned_although_some_cameras_have_no_embeddings():
+    world = make_world("ring4", 1, frames=12, people=8)
+    boxes = world.detections
+    some = dataclasses.replace(boxes, embedding=boxes.embedding * (boxes.camera < 3)[:, None])
+    all_known, some_known = (solve(b, world.scene).ratios.likeness for b in (boxes, some))
+    for kind in ("same", "other"):
+        one, other = (getattr(likeness, kind)[0] for likeness in (all_known, some_known))
+        assert one == pytest.approx(other, abs=0.1)
 
 
 def meeting(turn_back: bool):
