@@ -134,6 +134,7 @@ class InstantAssembler:
         frame = _Frame(
             camera, as_number(time, f"The time of a frame of camera {camera}"), detections
         )
+        self._drop_wrong_start(frame.time)
         if not self._leaps(frame.time):
             self._drop_held()
             self._place(frame)
@@ -164,11 +165,23 @@ class InstantAssembler:
         self._dropped.clear()
         return dropped
 
+    @property
+    def _far(self) -> float:
+        """Seconds ahead of all other frames that are not believed of one camera."""
+        return max(self.timeout, LEAP * max(1.0, 1 / self.frame_rate))
+
     def _leaps(self, time: float) -> bool:
         """Return whether a time is too far ahead of all frames for one camera to be believed."""
         several = self.camera_count > 1 and np.isfinite(self._newest)
-        far = max(self.timeout, LEAP * max(1.0, 1 / self.frame_rate))
-        return bool(several and time - self._newest > far)
+        return bool(several and time - self._newest > self._far)
+
+    def _drop_wrong_start(self, time: float) -> None:
+        """Leave out what the first camera delivered if it is too far ahead of the next frame."""
+        waiting = sorted(frame for frames in self._open.values() for frame in frames.values())
+        alone = len({frame.camera for frame in waiting}) == 1
+        if self._closed is None and alone and self._newest - time > self._far:
+            self._dropped += [DroppedFrame(one.camera, one.time, "early") for one in waiting]
+            self._open, self._origin, self._newest = {}, None, -np.inf
 
     def _drop_held(self) -> None:
         """Leave out the frame that was ahead of all others, which no other camera confirmed."""

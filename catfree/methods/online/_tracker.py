@@ -99,7 +99,7 @@ class Tracker:
         Args:
             detections: the boxes of one instant, of all cameras, in any order; their frame numbers
                 and clock are not used.
-            time: seconds; later than that of the call before.
+            time: seconds; later than that of the call before, by a microsecond or more.
             cameras: indices of the cameras that delivered a picture, with people or without; all
                 if None. Nothing is concluded from the silence of the others.
 
@@ -118,11 +118,11 @@ class Tracker:
         if state.finished:
             raise InvalidInputError("The tracker has finished; call reset before a new stream.")
         time = as_number(time, "time")
-        _frame(time)  # raises if it is too far from zero
-        if not time > state.time:
+        frame = _frame(time)  # raises if it is too far from zero
+        if state.time > -math.inf and frame <= _frame(float(state.time)):
             raise InvalidInputError(
-                f"time is {quoted(time)}, after {state.time:g}: it must be a number of seconds "
-                "that increases. Leave out what comes too late."
+                f"time is {quoted(time)}, after {state.time:.15g}: it must be a number of seconds "
+                "that increases by a microsecond or more. Leave out what comes too late."
             )
         silent = self._silent(detections, cameras)
         usable_rows = np.flatnonzero(usable(detections, self.scene, self.settings))

@@ -99,10 +99,11 @@ def test_times_go_on_while_instants_wait():
 
 
 @pytest.mark.parametrize("timeout", [0.0, 1.0])
-def test_one_wrong_time_ends_no_other_instant(timeout):
+@pytest.mark.parametrize("at", [0, 10])
+def test_one_wrong_time_ends_no_other_instant(at, timeout):
     assembler = InstantAssembler(3, RATE, timeout)
     times = [(c, k / RATE) for k in range(9) for c in range(3)]
-    times.insert(10, (0, 3600.0))
+    times.insert(at, (0, 3600.0))
     instants = [i for camera, time in times for i in assembler.add(camera, time, boxes())]
     assert [i.cameras for i in instants] == [(0, 1, 2)] * 9
     assert [tuple(f) for i in instants for f in i.dropped] == [(0, 3600.0, "early")]

@@ -252,7 +252,7 @@ def test_what_makes_no_sense_is_refused(tmp_path):
         cf.Tracker(SCENE, cf.Settings.paper())
     tracker = cf.Tracker(SCENE)
     tracker.update(DETECTIONS[:0], 1.0)
-    for time in (1.0, 0.5, math.nan, math.inf):
+    for time in (1.0, 1.0 + 1e-7, 0.5, math.nan, math.inf):
         with pytest.raises(InvalidInputError, match="time"):
             tracker.update(DETECTIONS[:0], time)
     with pytest.raises(InvalidInputError, match="camera"):
