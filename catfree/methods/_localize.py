@@ -1,6 +1,7 @@
 """`localize`: from person boxes and a scene to tracked ground positions."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -78,18 +79,26 @@ def localize(
     report = progress or no_progress
     missing = _missing_pictures(silent, detections, scene, camera_names)
     keep = usable(detections, scene, settings, camera_names)
-    if not keep.any():
+    result = None
+    if keep.any() and settings.method == "paper":
+        result = localize_by_paper(detections, scene, keep, settings, report)
+    elif keep.any():
+        with suppress(InsufficientDataError):  # no box of a person stands on the ground
+            result = evidence.localize_by_evidence(
+                detections,
+                scene,
+                settings.evidence,
+                keep=keep,
+                silent=missing,
+                camera_names=camera_names,
+                progress=report,
+            )
+    if result is None:
         result = empty_localization(
             scene.rig.camera_count,
             existence=settings.method == "evidence",
             detection_count=len(detections),
         )
-    elif settings.method == "evidence":
-        result = _localize_by_evidence(
-            detections, scene, keep, settings, missing, camera_names, report
-        )
-    else:
-        result = localize_by_paper(detections, scene, keep, settings, report)
     warnings = result.warnings
     faults = (
         implausible_height(scene),
@@ -122,32 +131,6 @@ def _same_cameras(
     except InvalidInputError as error:
         return (str(error),)
     return ()
-
-
-def _localize_by_evidence(
-    detections: Detections,
-    scene: Scene,
-    keep: Bool[np.ndarray, " n"],
-    settings: Settings,
-    silent: Int[np.ndarray, "k 2"],
-    camera_names: Sequence[str] | None,
-    report: Progress,
-) -> Localization:
-    """Run the evidence method on the usable detections."""
-    try:
-        return evidence.localize_by_evidence(
-            detections,
-            scene,
-            settings.evidence,
-            keep=keep,
-            silent=silent,
-            camera_names=camera_names,
-            progress=report,
-        )
-    except InsufficientDataError:  # no box of a person on the ground
-        return empty_localization(
-            scene.rig.camera_count, existence=True, detection_count=len(detections)
-        )
 
 
 def _missing_pictures(
