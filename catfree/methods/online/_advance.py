@@ -33,13 +33,11 @@ from catfree.methods.evidence.track._presence import step_forward
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
     CONSECUTIVE,
-    Alone,
-    Motion,
     Population,
     Trails,
+    counted_steps,
     link,
     motion_of,
-    mutual_steps,
     sure_groups,
     transition,
 )
@@ -47,12 +45,6 @@ from catfree.methods.online._learn import forgetting, likeness_of
 from catfree.methods.online._tracker_state import Learned, PendingInstant, TrackerState, with_looks
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
-
-
-def motion_learned(learned: Learned, settings: EvidenceSettings) -> Motion:
-    """Return the learned motion of people from instant to instant."""
-    squares, count = learned.steps.tolist()
-    return motion_of(squares, count, settings)
 
 
 def usual_steps(learned: Learned, earlier: float, time: float) -> float:
@@ -97,7 +89,7 @@ def advance(
         ratios = PairRatios(boxes.embedding, likeness, settings.appearance_weight)
         state = with_looks(state, boxes.embedding.dim)
 
-    motion = motion_learned(learned, settings)
+    motion = motion_of(learned.steps, settings)
     step = usual_steps(learned, float(state.time), time)
     heads = predict(state.heads, *transition(motion, step))
     priors = _priors(state, heads, density, spread, settings)
@@ -116,8 +108,7 @@ def advance(
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
     info = groups.info[rows]
     population = Population(np.zeros(1), motion, density, spread, settings, looks)
-    alone = Alone.of(info, density, spread)
-    node, followed, tracks = link(heads, info, alone, rows, int(state.tracks), population)
+    node, followed, tracks = link(heads, info, rows, int(state.tracks), population)
     hit = node.group >= 0
     hit_groups = node.group[hit]
     instant = np.zeros(len(hit), np.int64)
@@ -159,9 +150,8 @@ def advance(
     steps = learned.steps
     if 0 < step <= CONSECUTIVE:
         instant = np.repeat([0, 1], [len(state.sure), len(sure)])
-        walked = mutual_steps(np.concatenate([state.sure, sure]), instant)
-        squares = np.minimum(walked**2, settings.fastest**2)
-        steps = steps + np.array([squares.sum(), squares.size])
+        both = np.concatenate([state.sure, sure])
+        steps = steps + counted_steps(both, instant, settings)
     learned = replace(
         learned,
         trials=learned.trials + trials,

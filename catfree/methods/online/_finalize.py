@@ -13,24 +13,25 @@ from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._working_area import UsualPlace
 from catfree.methods.evidence.track._identify import (
+    HORIZON,
     AbsenceHabits,
     ChainBoxes,
     futures_of,
     match_chains,
     nodes_of,
-    remember,
 )
-from catfree.methods.evidence.track._pasts import predict
+from catfree.methods.evidence.track._pasts import extend, predict
 from catfree.methods.evidence.track._presence import chain_weights
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
     Population,
     Trails,
+    motion_of,
     smooth,
     sure_groups,
     transition,
 )
-from catfree.methods.online._advance import motion_learned, usual_steps
+from catfree.methods.online._advance import usual_steps
 from catfree.methods.online._learn import learn_places, likeness_of
 from catfree.methods.online._tracker_state import Learned, PendingInstant, TrackerState
 from catfree.methods.online._update import Event
@@ -148,7 +149,7 @@ def finalize(
     if ready == 0:
         return state, [], []
     window, learned = state.window, state.learned
-    motion, noise = motion_learned(learned, settings), learned.noise
+    motion, noise = motion_of(learned.steps, settings), learned.noise
     spread = float(noise.spread)
     pauses = [usual_steps(learned, float(a.time), float(b.time)) for a, b in pairwise(window)]
     time = np.cumsum([0.0, *pauses])
@@ -263,7 +264,9 @@ def _identify(
         if old >= 0 and old != name and old not in pasts.name and old not in names
     ]
     hidden, begun = pasts.gap[linked[linked >= 0]], names[linked < 0]
-    longer = remember(pasts, linked, begun, nodes.at(frame_nodes), population)
+    seen = nodes.at(frame_nodes)
+    longer = extend(pasts, linked, begun, seen, population.spread, motion.speed)
+    longer = longer.seen_within(HORIZON - 1)
     departed = len(pasts.name) + len(begun) - len(longer.name)
     counted = np.array(
         [len(begun) + departed, len(frame_nodes), (hidden > 0).sum(), hidden.sum()], float

@@ -87,9 +87,13 @@ def _answers(
     for instant in instants:
         yield from _dropped(instant.dropped, names)
         try:
-            yield from _followed(instant, tracker, waiting)
+            update = tracker.update(instant.detections, instant.time, instant.cameras)
         except CatFreeError as error:
             yield _error(line, error)
+            continue
+        waiting.append(instant.time)
+        yield from records_of(update, waiting)
+        yield _people("provisional", instant.time, update.provisional)
 
 
 def _error(line: int, error: CatFreeError) -> Record:
@@ -100,14 +104,6 @@ def _dropped(frames: Iterable[DroppedFrame], names: Sequence[str]) -> Iterator[R
     """Name frames that were left out."""
     for camera, time, reason in frames:
         yield {"type": "dropped", "camera": names[camera], "time": time, "reason": reason}
-
-
-def _followed(instant: Instant, tracker: Tracker, waiting: deque[float]) -> Iterator[Record]:
-    """Update the tracker by one instant."""
-    update = tracker.update(instant.detections, instant.time, instant.cameras)
-    waiting.append(instant.time)
-    yield from records_of(update, waiting)
-    yield _people("provisional", instant.time, update.provisional)
 
 
 def records_of(update: Update, waiting: deque[float]) -> Iterator[Record]:

@@ -5,7 +5,7 @@ from itertools import combinations, pairwise
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Real
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.methods.evidence.group._groups import Groups
@@ -139,34 +139,13 @@ class Looks:
     likeness: Likeness
     weight: float
 
-    def ratio(
-        self,
-        total: Float[np.ndarray, "track dim"],
-        count: Int[np.ndarray, " track"],
-        groups: Int[np.ndarray, " k"],
-    ) -> Float[np.ndarray, "track k"]:
-        """Log-likelihood ratio that a group is a track's person rather than somebody else.
-
-        Each box of the group counts like a new box of a group.
-
-        Args:
-            total: (T, D) sum of the embeddings of each track's boxes.
-            count: (T,) their number.
-            groups: (K,) the groups to compare with.
-
-        Returns:
-            (T, K), zero where the track or the group has no embedding.
-        """
-        new = self.count[groups]
-        return self.compare(total, count, self.total[groups], new, new.astype(float))
-
     def compare(
         self,
         total: Float[np.ndarray, "track dim"],
         count: Int[np.ndarray, " track"],
         other: Float[np.ndarray, "k dim"],
         others: Int[np.ndarray, " k"],
-        new: Float[np.ndarray, " k"],
+        new: Real[np.ndarray, " k"],
     ) -> Float[np.ndarray, "track k"]:
         """Log-likelihood ratio that two sets of boxes show one person rather than two.
 

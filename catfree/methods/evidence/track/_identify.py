@@ -338,16 +338,10 @@ def sweep(
         names[rows[new]] = begun = count + np.arange(new.sum())
         count += len(begun)
         seen = nodes.at(rows)
-        pasts = remember(pasts, linked, begun, seen, population)
+        pasts = extend(pasts, linked, begun, seen, population.spread, population.motion.speed)
+        pasts = pasts.seen_within(HORIZON - 1)  # others can no longer be continued
         ahead.subtract(seen, chain[rows])
     return names
-
-
-def _new_person(population: Population) -> tuple[np.ndarray, np.ndarray]:
-    """Information (5, 5) and (5,) on height and velocity of somebody never seen before."""
-    spread, speed = population.spread, population.motion.speed
-    matrix = np.diag([0.0, 0.0, spread**-2, speed**-2, speed**-2])
-    return matrix, np.array([0.0, 0.0, spread**-2, 0.0, 0.0])
 
 
 def match_chains(
@@ -376,9 +370,9 @@ def match_chains(
     # Of the prior of a new person, and of leaving and coming instead of staying.
     constant = np.log(2 * np.pi * density) - np.log(spread * speed**2)
     constant += 2 * np.log(habits.leave) - 0.5 / spread**2
-    # Each future, taken for somebody never seen before.
-    prior, pull = _new_person(population)
-    alone, start = matrix + prior, vector + pull
+    # Each future, taken for somebody never seen before, whose height and velocity are usual.
+    alone = matrix + np.diag([0.0, 0.0, spread**-2, speed**-2, speed**-2])
+    start = vector + np.array([0.0, 0.0, spread**-2, 0.0, 0.0])
     around = np.linalg.inv(alone)
     place = (around @ start[..., None])[..., 0]
     value = constant + 0.5 * ((start * place).sum(-1) - np.linalg.slogdet(alone)[1])
@@ -401,23 +395,3 @@ def match_chains(
         ratio = population.looks.compare(pasts.look, pasts.boxes, ahead.look, ahead.boxes, each)
         gain[i, j] += ratio[i, j]
     return assign(gain)
-
-
-def remember(
-    pasts: Pasts,
-    linked: Int[np.ndarray, " n"],
-    begun: Int[np.ndarray, " new"],
-    seen: SeenPositions,
-    population: Population,
-) -> Pasts:
-    """Add the positions of a frame to their chains; chains without one for too long end.
-
-    Args:
-        pasts: as `extend`.
-        linked: as `extend`.
-        begun: as `extend`.
-        seen: as `extend`.
-        population: what is the same for all chains.
-    """
-    longer = extend(pasts, linked, begun, seen, population.spread, population.motion.speed)
-    return longer.seen_within(HORIZON - 1)

@@ -84,9 +84,7 @@ def estimate_motion(
     """
     interrupted = np.diff(time, prepend=time[:1]) > CONSECUTIVE
     number = np.arange(len(time)) + np.cumsum(interrupted)
-    step = mutual_steps(position, number[frame])
-    squares = np.minimum(step**2, settings.fastest**2)
-    return motion_of(float(squares.sum()), float(step.size), settings)
+    return motion_of(counted_steps(position, number[frame], settings), settings)
 
 
 def sure_groups(
@@ -129,8 +127,17 @@ def usual_motion(settings: EvidenceSettings) -> Motion:
     )
 
 
-def motion_of(squares: float, count: float, settings: EvidenceSettings) -> Motion:
-    """Motion from the sum of squares of displacements along an axis, each limited, and how many."""
+def counted_steps(
+    position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"], settings: EvidenceSettings
+) -> Float[np.ndarray, "2"]:
+    """Sum of squares of `mutual_steps` along both axes, each limited, and their number."""
+    step = mutual_steps(position, frame)
+    return np.array([np.minimum(step**2, settings.fastest**2).sum(), step.size])
+
+
+def motion_of(steps: Float[np.ndarray, "2"], settings: EvidenceSettings) -> Motion:
+    """Motion from `counted_steps`."""
+    squares, count = steps.tolist()
     usual = usual_motion(settings)
     if count < 2 * settings.fewest_samples:
         return usual
@@ -171,24 +178,6 @@ def distances(
     return form / area, area
 
 
-class Alone(NamedTuple):
-    """What groups say without a track: new people.
-
-    Attributes:
-        evidence: (K,) log evidence.
-        mean, covariance: (K, 3) and (K, 3, 3) of place and height.
-    """
-
-    evidence: Float[np.ndarray, " k"]
-    mean: Float[np.ndarray, "k 3"]
-    covariance: Float[np.ndarray, "k 3 3"]
-
-    @classmethod
-    def of(cls, info: Information, density: float, spread: float) -> "Alone":
-        """New people of these boxes; `density` and `spread` as in `follow`."""
-        return cls(log_evidence(info, density, spread), *mean_and_covariance(info, spread))
-
-
 def log_likelihood_of_states(
     mean: Float[np.ndarray, "*#t n"],
     covariance: Float[np.ndarray, "*#t n n"],
@@ -205,16 +194,24 @@ def log_likelihood_of_states(
     return 0.5 * (form - np.log(np.linalg.det(loss)))
 
 
-def _link_gain(before: Pasts, info: Information, alone: Alone, gate):
-    """(T, K) log evidence that a group continues a track rather than being a new person."""
-    mean, covariance = before.mean[:, :3], before.covariance[:, :3, :3]
-    center, around = alone.mean[:, :2], alone.covariance[:, :2, :2]
-    m2, _ = distances(mean[:, :2], covariance[:, :2, :2], center, around)
-    i, j = np.nonzero(m2 < gate)
-    together = log_likelihood_of_states(mean[i], covariance[i], info.matrix[j], info.vector[j])
-    gain = np.full(m2.shape, -np.inf)
-    gain[i, j] = together - 0.5 * info.constant[j] - alone.evidence[j]
-    return gain
+def _link_gain(
+    before: Pasts, info: Information, population: "Population"
+) -> Float[np.ndarray, "track group"]:
+    """Log evidence that a group continues a track rather than being a new person."""
+    density, spread, gate = population.density, population.spread, population.settings.gate
+    center, around = mean_and_covariance(info, spread)
+    alone = 0.5 * info.constant + log_evidence(info, density, spread)
+    block, gains = max(1, LINKS_AT_A_TIME // max(len(center), 1)), []
+    for begin in range(0, max(len(before.name), 1), block):
+        tracks = before.at(slice(begin, begin + block))
+        mean, covariance = tracks.mean[:, :3], tracks.covariance[:, :3, :3]
+        m2, _ = distances(mean[:, :2], covariance[:, :2, :2], center[:, :2], around[:, :2, :2])
+        i, j = np.nonzero(m2 < gate)
+        matrix, vector = info.matrix[j], info.vector[j]
+        gain = np.full(m2.shape, -np.inf)
+        gain[i, j] = log_likelihood_of_states(mean[i], covariance[i], matrix, vector) - alone[j]
+        gains.append(gain)
+    return np.concatenate(gains)
 
 
 class Population(NamedTuple):
@@ -256,10 +253,9 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
     for t in range(len(time)):
         rows = likely[bounds[t] : bounds[t + 1]]
         info = groups.info[rows]
-        alone = Alone.of(info, population.density, population.spread)
         if t:
             heads = predict(heads, *transition(population.motion, float(time[t] - time[t - 1])))
-        node, heads, count = link(heads, info, alone, rows, count, population)
+        node, heads, count = link(heads, info, rows, count, population)
         history.append(node)
     return smooth(history, time, population.motion)
 
@@ -282,7 +278,6 @@ class Node(NamedTuple):
 def link(
     before: Pasts,
     info: Information,
-    alone: Alone,
     group: Int[np.ndarray, " k"],
     count: int,
     population: Population,
@@ -292,7 +287,6 @@ def link(
     Args:
         before: the tracks, predicted for this frame.
         info: (K) of the groups of this frame.
-        alone: (K) the same groups without a track.
         group: (K,) their rows in `looks`, which `Node.group` names.
         count: number of the next track.
         population: what is the same for all tracks.
@@ -301,16 +295,12 @@ def link(
         The tracks of this frame, those of them to follow further, and the number of the next one.
     """
     settings, looks = population.settings, population.looks
-    block = max(1, LINKS_AT_A_TIME // max(len(group), 1))
-    gain = np.concatenate([
-        _link_gain(before.at(slice(i, i + block)), info, alone, settings.gate)
-        for i in range(0, max(len(before.name), 1), block)
-    ])  # fmt: skip
-    gain = gain - settings.gap_penalty * before.gap[:, None]
+    gain = _link_gain(before, info, population) - settings.gap_penalty * before.gap[:, None]
     look, boxes = np.zeros((len(group), before.look.shape[1])), np.zeros(len(group), int)
     if looks is not None:
         look, boxes = looks.total[group], looks.count[group]
-        gain = gain + looks.ratio(before.look, before.boxes, group)
+        # Each box of a group counts like a new box of it.
+        gain = gain + looks.compare(before.look, before.boxes, look, boxes, boxes)
     past = assign(gain)
     is_new = past < 0
     begun = count + np.arange(is_new.sum())
