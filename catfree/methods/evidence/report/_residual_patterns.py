@@ -71,7 +71,8 @@ def explained(
     beta = inverse @ np.einsum("nka,nk->a", X, r)
     score = np.zeros((int(block.max(initial=-1)) + 1, len(scale)))
     np.add.at(score, block, np.einsum("nka,nk->na", X, r - X @ beta))
-    spread = inverse @ (score.T @ score) @ inverse
+    free = max(len(score) - len(scale), 0)  # blocks that the coefficients do not fit anyway
+    spread = inverse @ (score.T @ score) @ inverse * len(score) / max(free, 1)
     constant = normal[:3, :3] + 1e-6 * np.eye(3)
     offset = np.linalg.solve(constant, np.einsum("nka,nk->a", X[..., :3], r))
     plain = r - X[..., :3] @ offset
@@ -82,7 +83,7 @@ def explained(
         saved = beta[group] @ weight @ beta[group]
         shares.append((saved - np.trace(weight @ spread[group, group])) / total)
     variance = total / max(int(present.sum()), 1)
-    return Explained(np.array(shares), (beta / scale)[3:], np.array(variance))
+    return Explained(np.array(shares) * (free > 0), (beta / scale)[3:], np.array(variance))
 
 
 class Patterns(NamedTuple):
@@ -145,6 +146,7 @@ def residual_patterns(state: EvidenceState) -> Patterns | None:
     member = groups.member[group]
     frame = trails.frame[rows]
     half = np.where(frame < np.median(frame), -1.0, 1.0)
+    half -= half.mean()  # one instant has no halves
     _, block = np.unique(
         np.stack([trails.track[rows], frame // BLOCK], -1), axis=0, return_inverse=True
     )

@@ -4,14 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from catfree.methods.evidence._solve import solve
 from catfree.methods.evidence.report._residual_patterns import (
     _GROUPS,
     LEAST_TOGETHER,
     Explained,
     Patterns,
     explained,
+    residual_patterns,
     seen_together,
 )
+from catfree.synthetic import make_world
 
 ROWS, BLOCK = 600, 12
 
@@ -43,6 +46,20 @@ def test_a_planted_pattern_is_found_with_its_share(seed, kind):
     np.testing.assert_allclose(found.coefficient[at - 3], 0.6, atol=0.15)
     np.testing.assert_allclose(found.share[kind], 0.36 / 1.36, atol=0.08)
     assert (np.delete(found.share, kind) < 0.03).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_the_errors_of_as_few_people_as_coefficients_have_no_pattern(seed, people):
+    columns, block, noise = drawn(seed)
+    few = block < people
+    assert (explained(noise[few], columns[few], block[few]).share <= 0).all()
+
+
+def test_one_instant_has_no_halves():
+    world = make_world("ring5", 3, frames=1, people=8)  # with a disturbed rig
+    found = residual_patterns(solve(world.detections, world.scene))
+    assert found.largest_share <= 0
+    assert found.sentences() == ()
 
 
 @pytest.mark.parametrize("rows", [0, 5])
