@@ -10,18 +10,14 @@ import numpy as np
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    rig_of,
+    named_rig,
     writable_cameras,
 )
-from catfree.adapters.calibration_files._projection_matrices import (
-    decomposed,
-    projection_matrix,
-)
+from catfree.adapters.calibration_files._projection_matrices import decomposed
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
     list_of,
-    naming_file,
     numbers,
     numbers_of,
     read_json,
@@ -82,9 +78,7 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
         cameras.append(FileCamera(K, R, t, size))
     if not names:
         raise FileFormatError(f"{source} holds no camera.")
-    rig = rig_of(cameras, source)
-    with naming_file(source):
-        return NamedRig(rig, tuple(names))
+    return named_rig(cameras, names, source)
 
 
 def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -> Path:
@@ -106,14 +100,11 @@ def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -
             match the cameras, or the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
-    rig, labels = writable_cameras(rig, names, path, ideal=True)
     sensors = []
-    for camera, label in enumerate(labels):
-        projection = projection_matrix(rig, camera)
-        plane = projection[:, [0, 1, 3]]
-        width, height = rig.image_size[camera].tolist()
-        x, y, _ = np.asarray(rig.centers)[camera].tolist()
-        attributes = {_WIDTH: width, _HEIGHT: height}
+    for label, camera in writable_cameras(rig, names, path, ideal=True):
+        plane = camera.projection[:, [0, 1, 3]]
+        x, y, _ = (-camera.R.T @ camera.t).tolist()
+        attributes = dict(zip((_WIDTH, _HEIGHT), camera.image_size, strict=True))
         sensors.append(
             {
                 "type": "camera",
@@ -122,11 +113,9 @@ def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -
                 "scaleFactor": 1.0,
                 "translationToGlobalCoordinates": {"x": 0.0, "y": 0.0},
                 "attributes": [{"name": k, "value": str(v)} for k, v in attributes.items()],
-                "intrinsicMatrix": np.asarray(rig.K)[camera].tolist(),
-                "extrinsicMatrix": np.column_stack(
-                    [np.asarray(rig.R)[camera], np.asarray(rig.t)[camera]]
-                ).tolist(),
-                "cameraMatrix": projection.tolist(),
+                "intrinsicMatrix": camera.K.tolist(),
+                "extrinsicMatrix": np.column_stack([camera.R, camera.t]).tolist(),
+                "cameraMatrix": camera.projection.tolist(),
                 "homography": (plane / (plane[2, 2] or 1.0)).tolist(),
             }
         )

@@ -7,21 +7,17 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from catfree.adapters.calibration_files._distortion import (
-    coefficients_of,
-    lens_coefficients,
-)
+from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    rig_of,
+    named_rig,
     writable_cameras,
 )
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
-    naming_file,
     numbers,
     numbers_of,
     text_of,
@@ -85,9 +81,7 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         text_of(camera.get("name", key), source, f"the name of camera [{shortened(key)}]")
         for key, camera in cameras.items()
     )
-    rig = rig_of(file_cameras, source)
-    with naming_file(source):
-        return NamedRig(rig, names)
+    return named_rig(file_cameras, names, source)
 
 
 def write_anipose_toml(
@@ -114,19 +108,18 @@ def write_anipose_toml(
             number.
     """
     scale = as_positive(metres_per_unit, "metres_per_unit")
-    rig, labels = writable_cameras(rig, names, path)
     lines = []
-    for at, name in enumerate(labels):
-        width, height = rig.image_size[at]
+    for at, (name, camera) in enumerate(writable_cameras(rig, names, path)):
+        width, height = camera.image_size
         lines += [
             f"[cam_{at}]",
             f"name = {_toml_string(name)}",
             f"size = [{width}, {height}]",
-            f"matrix = [{', '.join(_toml_row(row) for row in np.asarray(rig.K)[at])}]",
-            f"distortions = {_toml_row(coefficients_of(rig, at))}",
-            f"rotation = {_toml_row(Rotation.from_matrix(np.asarray(rig.R)[at]).as_rotvec())}",
-            f"translation = {_toml_row(np.asarray(rig.t)[at] / scale)}",
-            f"fisheye = {str(rig.lenses[at] == Lens.FISHEYE).lower()}",
+            f"matrix = [{', '.join(_toml_row(row) for row in camera.K)}]",
+            f"distortions = {_toml_row(camera.coefficients)}",
+            f"rotation = {_toml_row(Rotation.from_matrix(camera.R).as_rotvec())}",
+            f"translation = {_toml_row(camera.t / scale)}",
+            f"fisheye = {str(camera.lens == Lens.FISHEYE).lower()}",
             "",
         ]
     return write_text_atomically(path, "\n".join([*lines, "[metadata]", ""]))

@@ -7,18 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Num
 
-from catfree.adapters.calibration_files._distortion import (
-    distortion_of,
-    require_coefficients,
-    require_undistorted,
-)
 from catfree.adapters.files._camera_names import numbered_names
 from catfree.adapters.files._documents import StrPath, naming_file
-from catfree.errors import InvalidInputError
+from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Lens, Rig
 from catfree.types._validation import require_instance, require_names
 
 _IDEAL = np.zeros(8)
+_UNDISTORT = "Undistort its images, and write the rig without distortion"
 
 
 class FileCamera(NamedTuple):
@@ -31,6 +27,8 @@ class FileCamera(NamedTuple):
         image_size: (2,) width and height in pixels.
         distortion: (8,) coefficients, zero where the file has fewer.
         lens: their model.
+        registered: whether its place is known.
+        rays: (rows, columns, 3) of a camera that is a grid of rays, else None.
     """
 
     K: Float[np.ndarray, "3 3"]
@@ -39,14 +37,47 @@ class FileCamera(NamedTuple):
     image_size: Num[np.ndarray, "2"] | tuple[int, int]
     distortion: Float[np.ndarray, "8"] = _IDEAL
     lens: Lens = Lens.PINHOLE
+    registered: bool = True
+    rays: Float[np.ndarray, "row column 3"] | None = None
+
+    @property
+    def coefficients(self) -> Float[np.ndarray, "k"]:
+        """Coefficients that a file states: (4,) of a fisheye, else (5,) or (8,)."""
+        if self.lens == Lens.FISHEYE:
+            return self.distortion[:4]
+        return self.distortion if self.distortion[5:].any() else self.distortion[:5]
+
+    @property
+    def projection(self) -> Float[np.ndarray, "3 4"]:
+        """(3, 4) matrix K [R | t] from world points to pixels."""
+        return self.K @ np.column_stack([self.R, self.t])
 
 
 def rig_of(cameras: Sequence[FileCamera], source: StrPath) -> Rig:
     """Join the cameras of a file to a rig; errors name the file."""
-    K, R, t, size, distortion, lens = zip(*cameras, strict=True)
-    K, R, t, size = (np.stack(part) for part in (K, R, t, size))
+    K, R, t, size, distortion, lens, registered, rays = zip(*cameras, strict=True)
+    K, R, t, size, distortion = (np.stack(part) for part in (K, R, t, size, distortion))
+    coefficients = None
+    if distortion.any():
+        coefficients = distortion if distortion[:, 5:].any() else distortion[:, :5]
+    grids = [grid for grid in rays if grid is not None]
+    if len({grid.shape for grid in grids}) > 1:
+        raise FileFormatError(f"{source}: the cameras' rays have different numbers of nodes.")
+    grids = [np.zeros_like(grids[0]) if grid is None else grid for grid in rays] if grids else None
     with naming_file(source):
-        return Rig(K, R, t, size, distortion_of(distortion), lens=lens)
+        return Rig(K, R, t, size, coefficients, registered, lens, grids)
+
+
+def named_rig(
+    cameras: Sequence[FileCamera],
+    names: Sequence[str],
+    source: StrPath,
+    points: np.ndarray | None = None,
+) -> "NamedRig":
+    """Join the cameras of a file to a rig with names; errors name the file."""
+    rig = rig_of(cameras, source)
+    with naming_file(source):
+        return NamedRig(rig, tuple(names), points)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,8 +113,8 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
 
 def writable_cameras(
     rig: Rig, names: Sequence[str] | None, target: StrPath, *, ideal: bool = False
-) -> tuple[Rig, tuple[str, ...]]:
-    """Select the registered cameras in float64, for formats that cannot hold others.
+) -> list[tuple[str, FileCamera]]:
+    """List the registered cameras in float64 by name, for formats that cannot hold others.
 
     Args:
         rig: the cameras.
@@ -95,18 +126,26 @@ def writable_cameras(
         InvalidInputError: if no camera is registered, the names do not match the cameras, or a
             registered one has a lens that the format cannot hold.
     """
-    require_instance(rig, Rig, "rig")
-    registered = np.flatnonzero(rig.registered)
-    if len(registered) == 0:
-        raise InvalidInputError(f"Cannot write {target}: no camera of the rig is registered.")
     labels = default_names(rig, names)
-    selected = rig.select(registered)
-    names_of_floats = ("K", "R", "t", "distortion", "rays")
-    columns = {name: getattr(selected, name) for name in names_of_floats}
-    exact = dataclasses.replace(
-        selected,
-        **{k: None if v is None else np.asarray(v, np.float64) for k, v in columns.items()},
-    )
-    chosen = tuple(labels[camera] for camera in registered)
-    (require_undistorted if ideal else require_coefficients)(exact, chosen, target)
-    return exact, chosen
+    if not rig.registered.any():
+        raise InvalidInputError(f"Cannot write {target}: no camera of the rig is registered.")
+    K, R, t = (np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.t))
+    distortion = np.zeros((rig.camera_count, 8))
+    if rig.distortion is not None:
+        distortion[:, : rig.distortion.shape[1]] = rig.distortion
+    cameras = []
+    for at in np.flatnonzero(rig.registered).tolist():
+        lens = Lens(rig.lenses[at])
+        for refused, reason, advice in (
+            (lens == Lens.RAYS, "is a grid of rays", "write_scene_json and Rig.save can"),
+            (ideal and lens == Lens.FISHEYE, "has a fisheye lens", _UNDISTORT),
+            (ideal and distortion[at].any(), "has lens distortion", _UNDISTORT),
+        ):
+            if refused:
+                raise InvalidInputError(
+                    f"Cannot write {target}: camera {quoted(labels[at])} {reason}, which this "
+                    f"format cannot hold. {advice}."
+                )
+        camera = FileCamera(K[at], R[at], t[at], rig.image_size[at], distortion[at], lens)
+        cameras.append((labels[at], camera))
+    return cameras

@@ -6,14 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import (
-    coefficients_of,
-    lens_coefficients,
-)
+from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    rig_of,
+    named_rig,
     writable_cameras,
 )
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_storage
@@ -107,8 +104,8 @@ def read_opencv_yaml(
             lens,
         )
         cameras.append(camera)
-    rig = rig_of(cameras, ", ".join(source.name for source in sources))
-    return NamedRig(rig, tuple(names_of_files(sources)))
+    joined = ", ".join(source.name for source in sources)
+    return named_rig(cameras, names_of_files(sources), joined)
 
 
 def write_opencv_yaml(
@@ -129,18 +126,18 @@ def write_opencv_yaml(
         InvalidInputError: if the folder does not exist, no camera is registered, a camera is a grid
             of rays, or the names do not match the cameras.
     """
-    rig, labels = writable_cameras(rig, names, folder)
+    cameras = writable_cameras(rig, names, folder)
     paths = []
-    for at, name in enumerate(file_names(labels)):
-        width, height = rig.image_size[at]
+    for name, (_, camera) in zip(file_names([n for n, _ in cameras]), cameras, strict=True):
+        width, height = camera.image_size
         matrices = {
-            "camera_matrix": np.asarray(rig.K)[at],
-            "distortion_coefficients": coefficients_of(rig, at)[:, None],
-            "R": np.asarray(rig.R)[at],
-            "t": np.asarray(rig.t)[at][:, None],
+            "camera_matrix": camera.K,
+            "distortion_coefficients": camera.coefficients[:, None],
+            "R": camera.R,
+            "t": camera.t[:, None],
         }
         lines = ["%YAML:1.0", "---", f"image_width: {width}", f"image_height: {height}"]
-        if rig.lenses[at] == Lens.FISHEYE:
+        if camera.lens == Lens.FISHEYE:
             lines.append("fisheye_model: 1")
         for key, matrix in matrices.items():
             data = ", ".join(repr(float(value)) for value in matrix.ravel())

@@ -10,7 +10,7 @@ from scipy.linalg import rq
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    rig_of,
+    named_rig,
     writable_cameras,
 )
 from catfree.adapters.calibration_files._opencv_storage import read_storage
@@ -55,8 +55,8 @@ def read_mv3dt(
         matrix = numbers(values[PROJECTION], (3, 4), source, PROJECTION)
         K, R, t = decomposed(matrix, source)
         cameras.append(FileCamera(K, R, t, image_size))
-    rig = rig_of(cameras, ", ".join(source.name for source in sources))
-    return NamedRig(rig, tuple(names_of_files(sources)))
+    joined = ", ".join(source.name for source in sources)
+    return named_rig(cameras, names_of_files(sources), joined)
 
 
 def write_mv3dt(
@@ -86,23 +86,17 @@ def write_mv3dt(
     """
     height = as_positive(person_height, "person_height")
     radius = as_positive(person_radius, "person_radius")
-    rig, labels = writable_cameras(rig, names, folder, ideal=True)
+    cameras = writable_cameras(rig, names, folder, ideal=True)
     root = make_folder(folder)
     files = []
-    for camera, label in enumerate(file_names(labels)):
-        rows = "".join(f"- {float(v)!r}\n" for v in projection_matrix(rig, camera).ravel())
+    for label, (_, camera) in zip(file_names([n for n, _ in cameras]), cameras, strict=True):
+        rows = "".join(f"- {float(v)!r}\n" for v in camera.projection.ravel())
         # One class of objects, as the detectors number people.
         model = f"modelInfo:\n  - classID: 0\n    height: {height!r}\n    radius: {radius!r}\n"
         files.append(
             write_text_atomically(root / f"{label}.yml", f"{PROJECTION}:\n{rows}\n{model}")
         )
     return tuple(files)
-
-
-def projection_matrix(rig: Rig, camera: int) -> Float[np.ndarray, "3 4"]:
-    """(3, 4) matrix K [R | t] of one camera, from world points to pixels, in float64."""
-    K, R, t = (np.asarray(part, np.float64)[camera] for part in (rig.K, rig.R, rig.t))
-    return K @ np.column_stack([R, t])
 
 
 def decomposed(

@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 
 from catfree.adapters.calibration_files._distortion import lens_coefficients
-from catfree.adapters.calibration_files._named_rig import NamedRig, default_names
+from catfree.adapters.calibration_files._named_rig import (
+    FileCamera,
+    NamedRig,
+    default_names,
+    named_rig,
+)
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
@@ -181,46 +186,31 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
     cameras = list_of(entry(document, "cameras", source, "the file"), source, "cameras")
     if not cameras:
         raise FileFormatError(f"{source} holds no camera.")
-    names, K, R, t, size, lens, kinds, registered = [], [], [], [], [], [], [], []
-    rays: list[np.ndarray | None] = []
-    stated: list[bool] = []
+    names, file_cameras = [], []
     for at, camera in enumerate(cameras):
         where = f"camera {at}"
         names.append(text_of(entry(camera, "name", source, where), source, f"the name of {where}"))
-        registered.append(camera.get("registered", True))
-        if not isinstance(registered[-1], bool):
+        registered = camera.get("registered", True)
+        if not isinstance(registered, bool):
             raise FileFormatError(
                 f"{source}: registered of {where} ({shortened(names[-1])}) is "
-                f"{quoted(registered[-1])}; it must be true or false."
+                f"{quoted(registered)}; it must be true or false."
             )
-        for values, key, shape in ((K, "K", (3, 3)), (R, "R", (3, 3)), (t, "t", (3,))):
-            values.append(numbers_of(camera, key, shape, source, where, finite=registered[-1]))
-        pair = [entry(camera, key, source, where) for key in ("width", "height")]
-        size.append(numbers(pair, (2,), source, f"the image size of {where}"))
-        values = camera.get("distortion")
-        kinds.append(_lens(camera.get("lens", "pinhole"), source, where))
-        stated.append(values is not None and registered[-1])
-        values = numbers(values if stated[-1] else [], None, source, f"the distortion of {where}")
-        lens.append(lens_coefficients(values, source, where, kinds[-1]))
-        has_rays = kinds[-1] == Lens.RAYS
-        rays.append(_grid(camera, registered[-1], source, where) if has_rays else None)
-    distortion = None
-    if any(stated):
-        # If other cameras have coefficients, a camera without any is an ideal pinhole.
-        distortion = np.stack(lens)
-        distortion = distortion if distortion[:, 5:].any() else distortion[:, :5]
-    with naming_file(source):
-        rig = Rig(
-            np.stack(K),
-            np.stack(R),
-            np.stack(t),
-            np.stack(size),
-            distortion,
-            np.array(registered),
-            np.array(kinds),
-            _stacked(rays, source),
+        K, R, t = (
+            numbers_of(camera, key, shape, source, where, finite=registered)
+            for key, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,)))
         )
-        return NamedRig(rig, tuple(names))
+        pair = [entry(camera, key, source, where) for key in ("width", "height")]
+        size = numbers(pair, (2,), source, f"the image size of {where}")
+        lens = _lens(camera.get("lens", "pinhole"), source, where)
+        values = camera.get("distortion") if registered else None
+        values = numbers(
+            [] if values is None else values, None, source, f"the distortion of {where}"
+        )
+        coefficients = lens_coefficients(values, source, where, lens)
+        rays = _grid(camera, registered, source, where) if lens == Lens.RAYS else None
+        file_cameras.append(FileCamera(K, R, t, size, coefficients, lens, registered, rays))
+    return named_rig(file_cameras, names, source)
 
 
 def _lens(name: Any, source: Path, where: str) -> Lens:
@@ -246,13 +236,3 @@ def _grid(camera: Any, registered: bool, source: Path, where: str) -> np.ndarray
     if not values.size or values.size % (3 * rows):
         raise FileFormatError(f"{source}: rays of {where} must hold rows of vectors x, y, z.")
     return values.reshape(rows, -1, 3)
-
-
-def _stacked(rays: list[np.ndarray | None], source: Path) -> np.ndarray | None:
-    """(C, rows, columns, 3) grids of rays, zero for cameras without one; None if there are none."""
-    grids = [grid for grid in rays if grid is not None]
-    if not grids:
-        return None
-    if len({grid.shape for grid in grids}) > 1:
-        raise FileFormatError(f"{source}: the cameras' rays have different numbers of nodes.")
-    return np.stack([np.zeros_like(grids[0]) if grid is None else grid for grid in rays])

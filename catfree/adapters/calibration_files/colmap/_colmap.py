@@ -7,13 +7,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from catfree.adapters.calibration_files._distortion import (
-    coefficients_of,
-)
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    rig_of,
+    named_rig,
     writable_cameras,
 )
 from catfree.adapters.calibration_files.colmap._colmap_binary import (
@@ -31,7 +28,6 @@ from catfree.adapters.calibration_files.colmap._colmap_models import (
 )
 from catfree.adapters.files._documents import (
     StrPath,
-    naming_file,
     numbers,
     parse_numbers,
     read_text,
@@ -101,10 +97,7 @@ def read_colmap(folder: StrPath) -> NamedRig:
         R = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
         size = np.array([width, height])
         file_cameras.append(FileCamera(matrix, R, translation, size, coefficients, kind))
-    rig = rig_of(file_cameras, root)
-    names = tuple(image[0] for image in images)
-    with naming_file(source):
-        return NamedRig(rig, names, points)
+    return named_rig(file_cameras, [image[0] for image in images], root, points)
 
 
 def write_colmap_text(
@@ -134,36 +127,32 @@ def write_colmap_text(
         WriteError: if the disk is full or not writable.
     """
     root = Path(folder)
-    rig, labels = writable_cameras(rig, names, root)
-    K, R, t = np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t)
-    quaternions = Rotation.from_matrix(R).as_quat(canonical=True)
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[]"]
-    for at, name in enumerate(labels):
+    for at, (name, camera) in enumerate(writable_cameras(rig, names, root), start=1):
+        K, lens = camera.K, camera.coefficients
         if not name or any(letter.isspace() for letter in name):
             raise InvalidInputError(
                 f"Cannot write {root}: camera name {quoted(name)} is empty or has a space."
             )
-        if abs(K[at, 0, 1]) > 1e-9 * K[at, 0, 0]:
+        if abs(K[0, 1]) > 1e-9 * K[0, 0]:
             raise InvalidInputError(
-                f"Cannot write {root}: camera {shortened(name)} has skew {K[at, 0, 1]:.3g}, which "
+                f"Cannot write {root}: camera {shortened(name)} has skew {K[0, 1]:.3g}, which "
                 "no COLMAP model supports."
             )
-        focal = [K[at, 0, 0], K[at, 1, 1]]
-        center = [K[at, 0, 2] + PIXEL_CENTER, K[at, 1, 2] + PIXEL_CENTER]
-        lens = coefficients_of(rig, at)
-        if rig.lenses[at] == Lens.FISHEYE:
+        if camera.lens == Lens.FISHEYE:
             model, coefficients = "OPENCV_FISHEYE", lens
         elif not lens.any():
             model, coefficients = "PINHOLE", []
         elif not lens[4:].any():
             model, coefficients = "OPENCV", lens[:4]
         else:
-            model, coefficients = "FULL_OPENCV", np.pad(lens, (0, 8 - len(lens)))
-        width, height = rig.image_size[at]
-        cameras.append(f"{at + 1} {model} {width} {height} {_row(focal, center, coefficients)}")
-        pose = _row(np.roll(quaternions[at], 1), t[at])
-        images += [f"{at + 1} {pose} {at + 1} {name}", ""]
+            model, coefficients = "FULL_OPENCV", camera.distortion
+        width, height = camera.image_size
+        inner = _row(K[[0, 1], [0, 1]], K[:2, 2] + PIXEL_CENTER, coefficients)
+        cameras.append(f"{at} {model} {width} {height} {inner}")
+        quaternion = Rotation.from_matrix(camera.R).as_quat(canonical=True)
+        images += [f"{at} {_row(np.roll(quaternion, 1), camera.t)} {at} {name}", ""]
     cloud = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
     scene = np.empty((0, 3)) if points is None else as_finite(points, (None, 3), "points")
     cloud += [f"{at + 1} {_row(point)} 128 128 128 0" for at, point in enumerate(scene)]
