@@ -4,7 +4,9 @@ Each message is one sentence that says what is wrong, where (file, camera, frame
 do. Catch `CatFreeError` to catch them all.
 """
 
+import contextlib
 import reprlib
+from collections.abc import Iterator
 from typing import Any
 
 _LONGEST_QUOTE = 120  # characters; fits a matrix row
@@ -80,6 +82,15 @@ class ForkedProcessError(CatFreeError, RuntimeError):
 
 class MissingDependencyError(CatFreeError, ImportError):
     """An optional dependency is not installed; the message contains the pip command."""
+
+
+@contextlib.contextmanager
+def needing(sentence: str) -> Iterator[None]:
+    """Raise `MissingDependencyError` with this sentence if an import in the block fails."""
+    try:
+        yield
+    except ImportError as error:
+        raise MissingDependencyError(sentence) from error
 
 
 class ShardError(CatFreeError):

@@ -140,6 +140,7 @@ def test_the_listing_has_every_class_and_escapes_what_it_shows():
         assert len(found) == len(set(found))
     assert not re.search(r"<(?!/?(details|summary|ul|li)>)", listing)
     assert len(error_sentences.sentences()["InvalidInputError"]) > 200
+    assert any("pandas" in text for text in error_sentences.sentences()["MissingDependencyError"])
 
 
 @pytest.fixture(scope="module")

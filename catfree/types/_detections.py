@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.errors import InvalidInputError, MissingDependencyError, quoted, shortened
+from catfree.errors import InvalidInputError, needing, quoted, shortened
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._sampling import select_rows
@@ -334,12 +334,8 @@ def require_pandas() -> Any:
     Raises:
         MissingDependencyError: if it is not installed.
     """
-    try:
+    with needing("Tables of pandas need pandas: pip install 'catfree[bridges]'."):
         import pandas
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Tables of pandas need pandas: pip install 'catfree[bridges]'."
-        ) from error
     return pandas
 
 

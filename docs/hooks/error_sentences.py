@@ -14,6 +14,7 @@ from catfree import errors
 
 MARK = "<!-- every sentence -->"
 SOURCE = Path(cf.__file__).parent
+RAISES = {"needing": "MissingDependencyError"}  # functions that raise the sentence they are given
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -28,7 +29,7 @@ def sentences() -> dict[str, list[str]]:
     for node in _nodes():
         if isinstance(node, ast.Call) and node.args and isinstance(node.func, ast.Name):
             text = _text(node.args[0])
-            kept = found.get(node.func.id)
+            kept = found.get(RAISES.get(node.func.id, node.func.id))
             if kept is not None and re.search(r"\w{3}.*\s\w", text) and text not in kept:
                 kept.append(text)
     return {name: sorted(texts, key=str.lower) for name, texts in found.items() if texts}

@@ -9,7 +9,7 @@ from typing import Any
 
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.weights._weights_table import Weights, weights_named
-from catfree.errors import DownloadError, InvalidInputError, MissingDependencyError, quoted
+from catfree.errors import DownloadError, InvalidInputError, needing, quoted
 from catfree.types._annotations import Progress
 from catfree.types._writing import cannot_write, make_folder
 
@@ -99,12 +99,8 @@ def _failed(weights: Weights, path: Path, reason: str) -> DownloadError:
 
 
 def _require_pooch() -> Any:
-    try:
+    with needing("Weights by name need pooch: pip install 'catfree[weights]'."):
         import pooch
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Weights by name need pooch: pip install 'catfree[weights]'."
-        ) from error
     return pooch
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from catfree.errors import FileFormatError, InvalidInputError, MissingDependencyError, quoted
+from catfree.errors import FileFormatError, InvalidInputError, needing, quoted
 from catfree.types._clock import Clock, clock_from_text, clock_to_text
 
 if TYPE_CHECKING:
@@ -146,12 +146,8 @@ def require_pyarrow() -> ModuleType:
     Raises:
         MissingDependencyError: if it is not installed.
     """
-    try:
+    with needing("Arrow tables and Parquet need pyarrow: pip install 'catfree[parquet]'."):
         import pyarrow
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Arrow tables and Parquet need pyarrow: pip install 'catfree[parquet]'."
-        ) from error
     return pyarrow
 
 

@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int, UInt64
 
-from catfree.errors import InvalidInputError, MissingDependencyError, quoted
+from catfree.errors import InvalidInputError, needing, quoted
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._detections import Detections, require_pandas
@@ -309,12 +309,8 @@ class Tracks(eqx.Module):
             InvalidInputError: if the tracks do not say which boxes support them, as after reading
                 them from a table, there is no such camera, or the detections are others.
         """
-        try:
+        with needing("supervision.Detections need supervision: pip install 'catfree[bridges]'."):
             import supervision
-        except ImportError as error:
-            raise MissingDependencyError(
-                "supervision.Detections need supervision: pip install 'catfree[bridges]'."
-            ) from error
         index = as_count(camera, "camera")
         if len(self) and not 0 <= index < self.support.shape[1]:
             raise InvalidInputError(

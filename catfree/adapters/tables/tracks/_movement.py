@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from catfree.adapters.tables.tracks._tracked_rows import numbered_frames, tracked
-from catfree.errors import InvalidInputError, MissingDependencyError
+from catfree.errors import InvalidInputError, needing
 from catfree.types import Tracks
 
 _MOST = 2**28  # numbers in the table of all people at all times
@@ -29,12 +29,8 @@ def to_movement(tracks: Tracks) -> Any:
         InvalidInputError: if there are no tracks, or too many for a table of all people at all
             times.
     """
-    try:
+    with needing("Data sets of movement need movement: pip install movement."):
         from movement.io import load_poses  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Data sets of movement need movement: pip install movement."
-        ) from error
     kept = tracked(tracks, "a data set of movement")
     if not len(kept):
         raise InvalidInputError("There are no tracks, and movement takes no empty data sets.")
