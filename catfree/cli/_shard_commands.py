@@ -19,7 +19,7 @@ from catfree.cli._inputs import (
     settings_of,
 )
 from catfree.cli._terminal import fail, print_text, progress_bars, warn
-from catfree.errors import InvalidInputError, MissingDependencyError, ShardError, quoted
+from catfree.errors import InvalidInputError, ShardError, needing, quoted
 
 BOXES = (".npz", ".parquet")
 IN_ONE_FILE = "Save the boxes to one file first: cf.read_detections(...)[0].save('boxes.npz')."
@@ -233,12 +233,8 @@ def _executor(dask: str | None, workers: int | None) -> Iterator[Any]:
         return
     if workers is not None:
         raise InvalidInputError("--workers is for this machine alone. Leave it out with --dask.")
-    try:
+    with needing("--dask needs dask.distributed: pip install 'catfree[distributed]'."):
         from distributed import Client
-    except ImportError as error:
-        raise MissingDependencyError(
-            "--dask needs dask.distributed: pip install 'catfree[distributed]'."
-        ) from error
     try:
         client = Client(dask)
     except (OSError, ValueError) as error:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree.errors import MissingDependencyError
+from catfree.errors import needing
 
 FAILURE, INTERRUPTED = 1, 130
 
@@ -58,13 +58,9 @@ def require_tyro() -> Any:
     Raises:
         MissingDependencyError: if tyro or rich is not installed.
     """
-    try:
+    with needing("The command line needs tyro and rich: pip install 'catfree[cli]'."):
         import rich
         import tyro
-    except ImportError as error:
-        raise MissingDependencyError(
-            "The command line needs tyro and rich: pip install 'catfree[cli]'."
-        ) from error
     del rich
     return tyro
 

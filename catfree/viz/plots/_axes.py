@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from catfree.errors import InvalidInputError, MissingDependencyError, shortened
+from catfree.errors import InvalidInputError, needing, shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,12 +18,8 @@ def require_pyplot() -> Any:
     Raises:
         MissingDependencyError: if matplotlib is not installed.
     """
-    try:
+    with needing("Plots need matplotlib: pip install 'catfree[plot]'."):
         import matplotlib.pyplot as pyplot
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Plots need matplotlib: pip install 'catfree[plot]'."
-        ) from error
     return pyplot
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from catfree.errors import InvalidInputError, MissingDependencyError
+from catfree.errors import InvalidInputError, needing
 from catfree.geometry import CanonicalFrame
 from catfree.types import Localization, Scene
 from catfree.types._writing import replacement, replacing
@@ -131,12 +131,8 @@ def write_rerun(
         InvalidInputError: if the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
-    try:
+    with needing("Recordings for rerun need its SDK: pip install 'catfree[rerun]'."):
         import rerun  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Recordings for rerun need its SDK: pip install 'catfree[rerun]'."
-        ) from error
     target, rig, extent = Path(path), scene.rig, float(scene.extent)
     names, tracks = names_of(rig, camera_names), tracks_of(localization)
     recording = rerun.RecordingStream("catfree")
