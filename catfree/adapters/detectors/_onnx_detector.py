@@ -1,8 +1,9 @@
 """Base class of detectors that run a network of one input size on pictures of any size."""
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +11,9 @@ from jaxtyping import Float
 from catfree.adapters.detectors._box_suppression import suppress_boxes
 from catfree.adapters.detectors._tiling import Tiles, Window, cut_by_window, tile_windows
 from catfree.adapters.files._fingerprint import hash_parameters
+from catfree.adapters.onnx._input_size import choose_input_size
 from catfree.adapters.onnx._letterbox import Letterbox
+from catfree.adapters.onnx._onnx_batching import run_batched
 from catfree.adapters.onnx._onnx_session import OnnxGraph
 from catfree.adapters.protocols import FrameDetections, Image, as_image
 from catfree.errors import InvalidInputError
@@ -20,6 +23,7 @@ from catfree.errors import InvalidInputError
 OVERLAP_ACROSS_WINDOWS = 0.5
 # Boxes may end up to half the finest stride of these networks (8 px) away from the edge of a tile.
 CUT_MARGIN = 4.0
+_LARGEST_BATCH = 8
 
 
 class DecodedBoxes(NamedTuple):
@@ -33,52 +37,44 @@ class DecodedBoxes(NamedTuple):
 class OnnxDetector(ABC):
     """Detector that cuts pictures, fits the pieces into a network's input and merges their boxes.
 
-    Subclasses run the network and decode its output.
+    Subclasses say which networks they take, and convert their input and output.
     """
+
+    _needed: str  # what the file must be, for messages
+    _stride: int  # pixels, of which the sides of an open input are multiples
+    _placement: Literal["center", "top_left"]  # of a picture in the input's padding
 
     def __init__(
         self,
-        graph: OnnxGraph,
-        target: tuple[int, int],
-        *,
-        placement: Literal["center", "top_left"],
+        path: str | os.PathLike[str],
         confidence: float | int,
-        iou: float | int,
         tiles: Tiles,
+        image_size: int | tuple[int, int] | None,
+        providers: Sequence[Any] | None,
+        iou: float | int,
         tile_overlap: float,
-        suppresses: bool = False,
     ) -> None:
-        """Store the network and the parameters.
-
-        Args:
-            graph: the network.
-            target: (width, height) of its input.
-            placement: position of a picture in the input's padding.
-            confidence: weaker detections are dropped.
-            iou: largest overlap of two kept detections.
-            tiles: see `tile_windows`.
-            tile_overlap: see `tile_windows`.
-            suppresses: whether the network itself suppresses overlapping boxes.
-        """
-        self._graph, self._target = graph, target
-        self._placement: Literal["center", "top_left"] = placement
+        """Load the network and store the parameters; see the subclasses."""
+        if not (0 <= confidence <= 1 and 0 < iou <= 1):
+            raise InvalidInputError(
+                f"confidence and iou must lie in [0, 1], got {confidence} and {iou}."
+            )
+        graph = self._graph = OnnxGraph(path, needed=self._needed, providers=providers)
+        graph.require_image_input(None)
+        self._target = choose_input_size(graph, image_size, self._stride)
+        self._output, suppresses = self._read_head()
         self._confidence = float(confidence)
         self._maximum_overlap = 1.0 if suppresses else iou
         self._tiles, self._tile_overlap = tiles, tile_overlap
-        self._fingerprint = hash_parameters(
+        self.fingerprint = hash_parameters(
             type(self).__name__,
             graph.content_hash,
             confidence=float(confidence),
             tiles=tiles,
-            target=target,
+            target=self._target,
             iou=iou,
             tile_overlap=tile_overlap,
         )
-
-    @property
-    def fingerprint(self) -> str:
-        """Content hash of weights and parameters."""
-        return self._fingerprint
 
     def __call__(self, image: Image) -> FrameDetections:
         """Detect the people in one (H, W, 3) uint8 RGB picture, best first."""
@@ -99,15 +95,30 @@ class OnnxDetector(ABC):
             for p in crops
         ]
         inputs = [fit.apply(p, self._target) for fit, p in zip(letterboxes, crops, strict=True)]
-        decoded = iter(zip(letterboxes, self._infer(inputs), strict=True))
+        outputs = run_batched(
+            self._graph, [self._input_of(p) for p in inputs], self._output, _LARGEST_BATCH
+        )
+        decoded = iter(zip(letterboxes, map(self._decode, outputs), strict=True))
         return [
             self._merge([(window, *next(decoded)) for window in its_windows], size)
             for its_windows, size in zip(windows, sizes, strict=True)
         ]
 
     @abstractmethod
-    def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
-        """Run the network on pictures of its input size and decode its output."""
+    def _read_head(self) -> tuple[str, bool]:
+        """Find the output to decode, and whether the network itself suppresses boxes.
+
+        Raises:
+            FileFormatError: if the network is not one that the class decodes.
+        """
+
+    @abstractmethod
+    def _input_of(self, picture: Image) -> Float[np.ndarray, "3 h w"]:
+        """Convert a picture of the network's input size to its input."""
+
+    @abstractmethod
+    def _decode(self, output: np.ndarray) -> DecodedBoxes:
+        """Decode the output for one picture."""
 
     def _merge(
         self,
@@ -138,15 +149,3 @@ class OnnxDetector(ABC):
         )
         pose = np.concatenate(keypoints)[kept] if keypoints else None
         return FrameDetections(box[kept], score[kept], pose)
-
-
-def require_thresholds(confidence: float | int, iou: float | int) -> None:
-    """Check both thresholds before a file is loaded.
-
-    Raises:
-        InvalidInputError: if one of them is out of range.
-    """
-    if not (0 <= confidence <= 1 and 0 < iou <= 1):
-        raise InvalidInputError(
-            f"confidence and iou must lie in [0, 1], got {confidence} and {iou}."
-        )

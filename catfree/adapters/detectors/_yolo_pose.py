@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from catfree.adapters.detectors._onnx_detector import DecodedBoxes, OnnxDetector, require_thresholds
+from catfree.adapters.detectors._onnx_detector import DecodedBoxes, OnnxDetector
 from catfree.adapters.detectors._tiling import Tiles
-from catfree.adapters.onnx._input_size import choose_input_size
-from catfree.adapters.onnx._onnx_batching import run_batched
 from catfree.adapters.onnx._onnx_session import OnnxGraph
 from catfree.adapters.protocols import Image
 from catfree.errors import FileFormatError, quoted
@@ -22,8 +20,6 @@ _NEEDED = (
     "a YOLO pose export (input [batch, 3, H, W]; output [batch, 4 + classes + 51, anchors] or "
     "[batch, rows, 57])"
 )
-_STRIDE = 32
-_LARGEST_BATCH = 8
 
 
 class YoloPoseOnnx(OnnxDetector):
@@ -41,6 +37,10 @@ class YoloPoseOnnx(OnnxDetector):
     file (`dynamic=True` for open axes, `imgsz=1088,1920` for small people). Ultralytics publishes
     code and weights under AGPL-3.0; catfree ships neither.
     """
+
+    _needed = _NEEDED
+    _stride = 32
+    _placement = "center"
 
     def __init__(
         self,
@@ -72,31 +72,36 @@ class YoloPoseOnnx(OnnxDetector):
             InvalidInputError: if there is no such file or a parameter is out of range.
             FileFormatError: if the file is not a YOLO pose network.
         """
-        require_thresholds(confidence, iou)
-        graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
-        graph.require_image_input(None)
-        target = choose_input_size(graph, image_size, _STRIDE)
-        self._output, self._classes = _find_head(graph, target)
-        self._person = _person_class(graph)
-        super().__init__(
-            graph,
-            target,
-            placement="center",
-            confidence=confidence,
-            iou=iou,
-            tiles=tiles,
-            tile_overlap=tile_overlap,
-            suppresses=self._classes is None,  # the end-to-end head
-        )
+        super().__init__(path, confidence, tiles, image_size, providers, iou, tile_overlap)
 
-    def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
-        inputs = [picture.transpose(2, 0, 1).astype(np.float32) / 255 for picture in pictures]
-        outputs = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
-        if self._classes is None:
-            return [
-                _decode_end_to_end(output, self._person, self._confidence) for output in outputs
-            ]
-        return [_decode_raw(output, self._person, self._confidence) for output in outputs]
+    def _read_head(self) -> tuple[str, bool]:
+        graph = self._graph
+        task = graph.metadata.get("task", "pose")
+        if task != "pose":
+            raise graph.mismatch(f"its metadata say that its task is {quoted(task)}")
+        names = _names(graph)
+        self._person = next((i for i, name in names.items() if name.lower() == "person"), 0)
+        shapes = graph.output_shapes
+        if any(shape[1:] == (None, None) or not shape for shape in shapes.values()):
+            width, height = self._target
+            blank = np.zeros((graph.input_shape[0] or 1, 3, height, width), np.float32)
+            shapes = {name: value.shape for name, value in graph.run(blank).items()}
+        for name, shape in shapes.items():
+            if len(shape) != 3:
+                continue
+            self._end_to_end = shape[2] == _END_TO_END_CHANNELS
+            classes = 0 if shape[1] is None else shape[1] - 4 - _KEYPOINT_CHANNELS
+            # Without class names 84 channels are a detection head of 80 classes without keypoints.
+            if self._end_to_end or classes == 1 or (classes > 1 and len(names) == classes):
+                return name, self._end_to_end
+        raise graph.mismatch(graph.describe_outputs())
+
+    def _input_of(self, picture: Image) -> Float[np.ndarray, "3 h w"]:
+        return picture.transpose(2, 0, 1).astype(np.float32) / 255
+
+    def _decode(self, output: np.ndarray) -> DecodedBoxes:
+        decode = _decode_end_to_end if self._end_to_end else _decode_raw
+        return decode(output, self._person, self._confidence)
 
 
 def _decode_raw(channels: Float[np.ndarray, "c a"], person: int, confidence: float) -> DecodedBoxes:
@@ -117,27 +122,6 @@ def _decode_end_to_end(
     return DecodedBoxes(chosen[:, :4], chosen[:, 4], chosen[:, 6:].reshape(-1, 17, 3))
 
 
-def _find_head(graph: OnnxGraph, target: tuple[int, int]) -> tuple[str, int | None]:
-    """Find the head's output and its number of classes, None for the end-to-end head."""
-    task = graph.metadata.get("task", "pose")
-    if task != "pose":
-        raise graph.mismatch(f"its metadata say that its task is {quoted(task)}")
-    shapes = graph.output_shapes
-    if any(shape[1:] == (None, None) or not shape for shape in shapes.values()):
-        blank = np.zeros((graph.input_shape[0] or 1, 3, target[1], target[0]), np.float32)
-        shapes = {name: value.shape for name, value in graph.run(blank).items()}
-    for name, shape in shapes.items():
-        if len(shape) != 3:
-            continue
-        if shape[2] == _END_TO_END_CHANNELS:
-            return name, None
-        classes = 0 if shape[1] is None else shape[1] - 4 - _KEYPOINT_CHANNELS
-        # Without class names 84 channels are a detection head of 80 classes without keypoints.
-        if classes == 1 or (classes > 1 and len(_names(graph)) == classes):
-            return name, classes
-    raise graph.mismatch(graph.describe_outputs())
-
-
 def _names(graph: OnnxGraph) -> dict[int, str]:
     try:
         names = ast.literal_eval(graph.metadata.get("names", "{}"))
@@ -146,7 +130,3 @@ def _names(graph: OnnxGraph) -> dict[int, str]:
         raise FileFormatError(
             f"{graph.path} has class names that cannot be read ({error}). Export it again."
         ) from error
-
-
-def _person_class(graph: OnnxGraph) -> int:
-    return next((i for i, name in _names(graph).items() if name.lower() == "person"), 0)

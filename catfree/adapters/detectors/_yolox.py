@@ -7,17 +7,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from catfree.adapters.detectors._onnx_detector import DecodedBoxes, OnnxDetector, require_thresholds
+from catfree.adapters.detectors._onnx_detector import DecodedBoxes, OnnxDetector
 from catfree.adapters.detectors._tiling import Tiles
-from catfree.adapters.onnx._input_size import choose_input_size
-from catfree.adapters.onnx._onnx_batching import run_batched
-from catfree.adapters.onnx._onnx_session import OnnxGraph
 from catfree.adapters.protocols import Image
 
 _NEEDED = "a YOLOX export (input [batch, 3, H, W]; output [batch, anchors, 5 + classes])"
 _STRIDES = (8, 16, 32)
 _PERSON = 0  # COCO's first class
-_LARGEST_BATCH = 8
 # Weights with untrained or foreign classes can give large logarithms of sizes; a box of e^12 input
 # pixels is larger than any picture, and the exponential stays finite.
 _LARGEST_LOGARITHM = 12.0
@@ -38,6 +34,10 @@ class YoloxOnnx(OnnxDetector):
     Weights: `pretrained("yolox-s")`; the releases of github.com/Megvii-BaseDetection/YOLOX hold
     ONNX files of all sizes (Apache-2.0).
     """
+
+    _needed = _NEEDED
+    _stride = max(_STRIDES)
+    _placement = "top_left"
 
     def __init__(
         self,
@@ -68,33 +68,28 @@ class YoloxOnnx(OnnxDetector):
             InvalidInputError: if there is no such file or a parameter is out of range.
             FileFormatError: if the file is not a YOLOX network.
         """
-        require_thresholds(confidence, iou)
-        graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
-        graph.require_image_input(None)
-        target = choose_input_size(graph, image_size, max(_STRIDES))
-        self._grid, self._stride = _anchor_grid(*target)
-        self._output = _check_outputs(graph, len(self._stride))
-        super().__init__(
-            graph,
-            target,
-            placement="top_left",
-            confidence=confidence,
-            iou=iou,
-            tiles=tiles,
-            tile_overlap=tile_overlap,
+        super().__init__(path, confidence, tiles, image_size, providers, iou, tile_overlap)
+
+    def _read_head(self) -> tuple[str, bool]:
+        self._grid, self._scale = _anchor_grid(*self._target)
+        anchors = len(self._scale)
+        for name, shape in self._graph.output_shapes.items():
+            has_classes = len(shape) == 3 and (shape[2] is None or shape[2] > 5)
+            if has_classes and shape[1] in (anchors, None):
+                return name, False
+        raise self._graph.mismatch(
+            f"{self._graph.describe_outputs()} where {anchors} anchors were expected"
         )
 
-    def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
-        inputs = [p[:, :, ::-1].transpose(2, 0, 1).astype(np.float32) for p in pictures]
-        values = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
-        return [self._decode(value) for value in values]
+    def _input_of(self, picture: Image) -> Float[np.ndarray, "3 h w"]:
+        return picture[:, :, ::-1].transpose(2, 0, 1).astype(np.float32)
 
-    def _decode(self, rows: Float[np.ndarray, "a c"]) -> DecodedBoxes:
-        score = rows[:, 4] * rows[:, 5 + _PERSON]
+    def _decode(self, output: Float[np.ndarray, "a c"]) -> DecodedBoxes:
+        score = output[:, 4] * output[:, 5 + _PERSON]
         keep = score >= self._confidence
-        stride = self._stride[keep][:, None]
-        center = (rows[keep, :2] + self._grid[keep]) * stride
-        half = np.exp(np.minimum(rows[keep, 2:4], _LARGEST_LOGARITHM)) * stride / 2
+        scale = self._scale[keep][:, None]
+        center = (output[keep, :2] + self._grid[keep]) * scale
+        half = np.exp(np.minimum(output[keep, 2:4], _LARGEST_LOGARITHM)) * scale / 2
         return DecodedBoxes(np.concatenate([center - half, center + half], 1), score[keep], None)
 
 
@@ -108,11 +103,3 @@ def _anchor_grid(
         grids.append(np.stack([columns.ravel(), rows.ravel()], axis=-1))
         strides.append(np.full(rows.size, stride))
     return np.concatenate(grids).astype(np.float32), np.concatenate(strides).astype(np.float32)
-
-
-def _check_outputs(graph: OnnxGraph, anchors: int) -> str:
-    """Find the name of the head's output."""
-    for name, shape in graph.output_shapes.items():
-        if len(shape) == 3 and shape[1] in (anchors, None) and (shape[2] is None or shape[2] > 5):
-            return name
-    raise graph.mismatch(graph.describe_outputs() + f" where {anchors} anchors were expected")

@@ -77,14 +77,9 @@ class ReIdOnnx:
         height, width = self._graph.input_shape[2:]
         self._crop_size = (width or _USUAL_WIDTH, height or _USUAL_HEIGHT)
         self._dimension = self._graph.output_shapes[self._output][1]
-        self._fingerprint = hash_parameters(
+        self.fingerprint = hash_parameters(
             "ReIdOnnx", self._graph.content_hash, preprocessing=self._preprocessing
         )
-
-    @property
-    def fingerprint(self) -> str:
-        """Content hash of weights and parameters."""
-        return self._fingerprint
 
     @property
     def preprocessing(self) -> Preprocessing:

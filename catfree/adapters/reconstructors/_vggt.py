@@ -74,14 +74,9 @@ class VggtOnnx:
             raise self._graph.mismatch(self._graph.describe_outputs())
         self._mode: Literal["crop", "pad"] = mode
         self._maximum_points = maximum_points
-        self._fingerprint = hash_parameters(
+        self.fingerprint = hash_parameters(
             "VggtOnnx", self._graph.content_hash, mode=mode, maximum_points=maximum_points
         )
-
-    @property
-    def fingerprint(self) -> str:
-        """Content hash of weights and parameters."""
-        return self._fingerprint
 
     def __call__(self, images: Sequence[Image]) -> Reconstruction:
         """Reconstruct cameras and points from the pictures of one instant, one per camera.
