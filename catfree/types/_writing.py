@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from catfree.errors import InvalidInputError, WriteError
+from catfree.errors import CatFreeError, InvalidInputError, WriteError
 from catfree.types._validation import as_path
 
 # Temporary names are random and do not extend the target's, so they are neither too long nor taken.
@@ -81,6 +81,8 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
             raise
+    except CatFreeError:
+        raise
     except OSError as error:
         raise cannot_write(target, error) from error
 

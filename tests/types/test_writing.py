@@ -6,7 +6,7 @@ import os
 import cv2
 import pytest
 
-from catfree.errors import InvalidInputError, WriteError
+from catfree.errors import DownloadError, InvalidInputError, WriteError
 from catfree.types._writing import cannot_write, is_temporary, make_folder, replacement, replacing
 
 
@@ -66,6 +66,15 @@ def test_only_a_full_disk_asks_for_space(number, advice, tmp_path):
     assert os.listdir(tmp_path) == []
     again = cannot_write("elsewhere", cannot_write("first", OSError(number, "")))
     assert "first" in str(again)
+
+
+def test_other_errors_of_catfree_stay_as_they_are(tmp_path):
+    error = DownloadError("nothing came")
+    with pytest.raises(DownloadError) as raised, replacing(tmp_path / "a.txt"):
+        raise error
+    assert raised.value is error
+    assert error.__cause__ is None
+    assert os.listdir(tmp_path) == []
 
 
 def test_a_folder_in_the_way_is_one_sentence(tmp_path):

@@ -1,9 +1,6 @@
 """Published weights on this machine: found, checked, and downloaded when that is asked for."""
 
-import logging
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +8,7 @@ from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.weights._weights_table import Weights, weights_named
 from catfree.errors import DownloadError, InvalidInputError, needing, quoted
 from catfree.types._annotations import Progress
-from catfree.types._writing import cannot_write, make_folder
+from catfree.types._writing import make_folder, replacement
 
 FOLDER_VARIABLE = "CATFREE_WEIGHTS"
 _TIMEOUT = 30.0  # seconds without a byte
@@ -55,22 +52,16 @@ def fetch_weights(name: str, *, download: bool = True, progress: Progress | None
     make_folder(path.parent)
     bar = _Bar(progress) if progress is not None else False
     downloader = pooch.HTTPDownloader(progressbar=bar, timeout=_TIMEOUT, chunk_size=_CHUNK)
-    try:
-        with _silent(pooch.get_logger()):
-            pooch.retrieve(
-                weights.url,
-                f"sha256:{weights.sha256}",
-                fname=path.name,
-                path=path.parent,
-                downloader=downloader,
-            )
-    except ValueError as error:  # the checksum differs
-        raise _failed(weights, path, "what came is not the published file") from error
-    except OSError as error:
-        # Errors of the network are of requests, those of the disk of the operating system.
-        if type(error).__module__.startswith("requests"):
+    with replacement(path) as partial:
+        try:
+            downloader(weights.url, str(partial), None)
+        except OSError as error:
+            # Errors of the network are of requests, those of the disk of the operating system.
+            if not type(error).__module__.startswith("requests"):
+                raise
             raise _failed(weights, path, quoted(error)) from error
-        raise cannot_write(path, error) from error
+        if hash_file(partial) != weights.sha256:
+            raise _failed(weights, path, "what came is not the published file")
     return path
 
 
@@ -102,17 +93,6 @@ def _require_pooch() -> Any:
     with needing("Weights by name need pooch: pip install 'catfree[weights]'."):
         import pooch
     return pooch
-
-
-@contextmanager
-def _silent(logger: logging.Logger) -> Iterator[None]:
-    """Keep pooch from printing what it does."""
-    level = logger.level
-    logger.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 class _Bar:

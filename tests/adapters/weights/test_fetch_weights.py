@@ -109,6 +109,9 @@ def test_a_file_is_fetched_once_checked_and_kept(published, server, folder, capf
     assert fetch_weights("eyes") == fetch_weights("eyes", download=False) == path
     assert server.asked == ["/eyes.onnx"]
     assert leftovers(folder) == ["eyes.onnx"]
+    other = folder / "other"
+    other.touch()
+    assert path.stat().st_mode == other.stat().st_mode, "whoever may read the folder may read it"
     captured = capfd.readouterr()
     assert captured.out == captured.err == ""
 
@@ -165,6 +168,7 @@ def test_failures_say_what_to_fetch_by_hand(failure, published, server, folder, 
     with pytest.raises(DownloadError) as failed:
         fetch_weights("eyes")
     sentence = str(failed.value)
+    assert failed.value.__cause__ is not failed.value
     del failed
     with warnings.catch_warnings(action="ignore", category=ResourceWarning):
         gc.collect()  # pooch leaves a broken connection to the garbage collector
