@@ -29,10 +29,9 @@ from catfree.adapters.tables._coco import is_coco, read_coco
 from catfree.adapters.tables._detections_table import (
     open_detections_table,
     optional_columns,
-    rows_of,
 )
 from catfree.adapters.tables._motchallenge import read_mot
-from catfree.adapters.tables._parquet import read_parquet, values_of
+from catfree.adapters.tables._parquet import read_parquet, reading, values_of
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
 from catfree.types._validation import as_integer, as_path, as_paths
@@ -275,7 +274,8 @@ def _part_of_coco(path: Path, images: Path | None) -> _Part:
 
 def _part_of_parquet(path: Path) -> _Part:
     if path.is_dir():
-        table = rows_of(open_detections_table(path), path)
+        with reading(path):
+            table = open_detections_table(path).to_table()
     else:
         table = read_parquet(path, "boxes")
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]

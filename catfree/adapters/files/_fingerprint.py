@@ -15,11 +15,8 @@ _SAMPLES = 16
 
 def hash_file(path: str | os.PathLike[str]) -> str:
     """Compute the SHA-256 of a file's bytes in hexadecimal, read in pieces."""
-    digest = hashlib.sha256()
     with Path(path).open("rb") as stream:
-        while piece := stream.read(_CHUNK):
-            digest.update(piece)
-    return digest.hexdigest()
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def hash_samples(path: str | os.PathLike[str]) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from catfree.adapters.files._documents import StrPath, naming_file
-from catfree.adapters.tables._parquet import values_of, write_parquet
+from catfree.adapters.tables._parquet import reading, values_of, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
@@ -84,7 +84,8 @@ def read_detections_parquet(
         rows = field >= first
     if stop is not None:
         rows = field < stop if rows is None else rows & (field < stop)
-    table = rows_of(opened, path, rows)
+    with reading(path):
+        table = opened.to_table(filter=rows)
     column = values_of(table, _REQUIRED, path)
     options = optional_columns(table, path)
     if "score" in table.column_names:
@@ -92,23 +93,6 @@ def read_detections_parquet(
     with naming_file(path):
         box = np.stack([as_float(column[name]) for name in _BOX], axis=-1)
         return Detections(column["frame"], column["camera"], box, **options)
-
-
-def rows_of(table: Any, path: StrPath, wanted: Any = None) -> "pyarrow.Table":
-    """Read an open table of detections.
-
-    Args:
-        table: what `open_detections_table` returned.
-        path: of the table, for the message.
-        wanted: a filter of its rows, or None for all.
-
-    Raises:
-        FileFormatError: if a file is damaged.
-    """
-    try:
-        return table.to_table(filter=wanted)
-    except Exception as error:  # pyarrow raises many types for damaged files
-        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
 
 
 def optional_columns(table: "pyarrow.Table", path: StrPath) -> dict[str, Any]:
@@ -121,14 +105,12 @@ def optional_columns(table: "pyarrow.Table", path: StrPath) -> dict[str, Any]:
     columns: dict[str, Any] = {"clock": clock_of(table, path)}
     if "ankles_confirmed" in table.column_names:
         columns |= values_of(table, ["ankles_confirmed"], path)
-    try:
+    with reading(path):
         for name in ("embedding", "keypoints"):
             if name in table.column_names:
                 columns[name] = _numbers_of_lists(table[name].combine_chunks())
         if "keypoints" in columns:
             columns["keypoints"] = columns["keypoints"].reshape(-1, 17, 3)
-    except Exception as error:  # a column of another type
-        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
     return columns
 
 
@@ -181,14 +163,12 @@ def frame_range(path: StrPath) -> tuple[int, int]:
     """
     opened = open_detections_table(path)
     low, high = [], []
-    try:
+    with reading(path):
         for batch in opened.to_batches(columns=["frame"], batch_size=1 << 20):
             if len(batch):
                 frame = batch.column(0).to_numpy()
                 low.append(frame.min())
                 high.append(frame.max())
-    except Exception as error:  # pyarrow raises many types for damaged files
-        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
     if not low:
         raise InvalidInputError(f"{path} holds no boxes, so there is nothing to cut into shards.")
     with naming_file(path):

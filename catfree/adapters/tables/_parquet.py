@@ -1,12 +1,14 @@
 """Parquet files of one table each, with checksums."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from catfree.adapters.files._documents import StrPath, require_file, write_bytes_atomically
+from catfree.adapters.files._documents import StrPath, require_file
 from catfree.errors import FileFormatError, quoted
+from catfree.types._writing import replacing
 from catfree.types.results import require_pyarrow
 
 if TYPE_CHECKING:
@@ -28,12 +30,11 @@ def write_parquet(path: StrPath, table: "pyarrow.Table", **options: Any) -> Path
         InvalidInputError: if the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
-    import pyarrow
     import pyarrow.parquet
 
-    sink = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(table, sink, write_page_checksum=True, **options)
-    return write_bytes_atomically(path, sink.getvalue().to_pybytes())
+    with replacing(path) as stream:
+        pyarrow.parquet.write_table(table, stream, write_page_checksum=True, **options)
+    return Path(path)
 
 
 def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
@@ -65,14 +66,24 @@ def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
     return table
 
 
+@contextmanager
+def reading(path: StrPath) -> Iterator[None]:
+    """Name the file in the errors of many kinds that pyarrow raises for damaged files.
+
+    Raises:
+        FileFormatError: naming it.
+    """
+    try:
+        yield
+    except Exception as error:
+        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
+
+
 def values_of(table: "pyarrow.Table", names: Sequence[str], path: StrPath) -> dict[str, Any]:
     """Return columns as arrays of NumPy.
 
     Raises:
         FileFormatError: if NumPy has no such type.
     """
-    try:
+    with reading(path):
         return {name: table[name].to_numpy() for name in names}
-    # The library raises errors of several kinds, too, for types that NumPy does not have.
-    except Exception as error:
-        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error

@@ -11,7 +11,7 @@ import numpy as np
 from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
-    write_bytes_atomically,
+    write_text_atomically,
 )
 from catfree.adapters.files._text_rows import read_csv
 from catfree.adapters.tables._parquet import read_parquet, write_parquet
@@ -74,7 +74,7 @@ def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-    return write_bytes_atomically(path, text.getvalue().encode())
+    return write_text_atomically(path, text.getvalue())
 
 
 def read_tracks_csv(path: StrPath) -> Tracks:

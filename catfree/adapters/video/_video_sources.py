@@ -1,8 +1,9 @@
 """One camera's pictures in order: a video file or a folder of images."""
 
+import contextlib
 import hashlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -146,10 +147,7 @@ class ImageFolder:
 
     def content_hash(self) -> str:
         """SHA-256 over the hashes of the images in order."""
-        digest = hashlib.sha256()
-        for file in self.files:
-            digest.update(hash_file(file).encode())
-        return digest.hexdigest()
+        return hashlib.sha256("".join(map(hash_file, self.files)).encode()).hexdigest()
 
 
 class VideoFile:
@@ -165,8 +163,7 @@ class VideoFile:
 
         self.path = path
         self._stamped = False
-        reader = self.open()
-        try:
+        with contextlib.closing(self.open()) as reader:
             first = reader.read(0)
             if _is_art(reader.capture):
                 raise FileFormatError(
@@ -182,8 +179,6 @@ class VideoFile:
             rate = reader.capture.get(cv2.CAP_PROP_FPS)
             claimed = int(reader.capture.get(cv2.CAP_PROP_FRAME_COUNT))
             stamp = reader.capture.get(getattr(cv2, "CAP_PROP_PTS", -1))  # since OpenCV 4.11
-        finally:
-            reader.close()
         self.image_size = (first.shape[1], first.shape[0])
         self.fps: float | None = float(rate) if np.isfinite(rate) and rate > 0 else None
         self.times: Times | None = None
@@ -250,11 +245,10 @@ class VideoFile:
 
     def _count(self) -> int:
         """Count the frames that can be decoded, for files that do not state their number."""
-        reader = self.open()
-        try:
-            return sum(1 for _ in _grabbed(reader))
-        finally:
-            reader.close()
+        with contextlib.closing(self.open()) as reader:
+            while reader.capture.grab():
+                reader.position += 1
+            return reader.position
 
     def describe(self, frame: int) -> str:
         """Frame number, claimed length and file."""
@@ -359,9 +353,3 @@ def _is_art(capture: Any) -> bool:
 
     code = int(capture.get(cv2.CAP_PROP_FOURCC))
     return code == int.from_bytes(b"ansi", "little")
-
-
-def _grabbed(reader: _CaptureReader) -> Iterator[int]:
-    while reader.capture.grab():
-        yield reader.position
-        reader.position += 1
