@@ -6,7 +6,6 @@ import functools
 import hashlib
 import math
 import os
-from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from catfree.adapters.video._common_clock import (
     common_start,
     nearest_frame,
 )
-from catfree.adapters.video._video_sources import FrameReader, VideoSource, open_source
+from catfree.adapters.video._video_sources import CaptureReader, ImageFolder, VideoFile, open_source
 from catfree.errors import (
     CatFreeError,
     FileFormatError,
@@ -386,8 +385,44 @@ class SynchronizedVideos:
             raise InvalidInputError(f"first is {first}; positions among the instants start at 0.")
         chosen = range(self.camera_count) if cameras is None else cameras
         for camera in chosen:
-            self._require_camera(camera)
-        yield from self._instants(chosen, first)
+            if not 0 <= camera < self.camera_count:
+                raise InvalidInputError(
+                    f"There is no camera {camera}; the videos belong to cameras 0 to "
+                    f"{self.camera_count - 1}."
+                )
+        count = len(self._ticks)
+        self.interruption, self.whole = None, count
+        if first >= count:
+            return
+        with contextlib.ExitStack() as stack:
+            readers = {
+                camera: stack.enter_context(contextlib.closing(self._sources[camera].open()))
+                for camera in chosen
+            }
+
+            def read(done: int) -> dict[int, Image]:
+                tick = int(self._ticks[done])
+                (has,) = self._has_frame(np.array([tick]))
+                return {
+                    camera: self._read(camera, reader, tick, done)
+                    for camera, reader in readers.items()
+                    if has[camera]
+                }
+
+            # The next instant is decoded while this one is looked at.
+            pool = stack.enter_context(ThreadPoolExecutor(1))
+            ahead = pool.submit(read, first)
+            for done in range(first, count):
+                try:
+                    pictures = ahead.result()
+                except FileFormatError as error:
+                    if not self._keep:
+                        raise
+                    self.interruption, self.whole = error, done
+                    return
+                if done + 1 < count:
+                    ahead = pool.submit(read, done + 1)
+                yield int(self._ticks[done]), pictures
 
     def pictures_of(self, camera: int) -> Iterator[Image]:
         """Iterate over one camera's pictures of the instants, without decoding the others.
@@ -402,49 +437,9 @@ class SynchronizedVideos:
         for _, pictures in self.pictures_from(0, [camera]):
             yield from pictures.values()
 
-    def _require_camera(self, camera: int) -> None:
-        if not 0 <= camera < self.camera_count:
-            raise InvalidInputError(
-                f"There is no camera {camera}; the videos belong to cameras 0 to "
-                f"{self.camera_count - 1}."
-            )
-
-    def _instants(
-        self, cameras: Sequence[int], first: int
-    ) -> Iterator[tuple[int, dict[int, Image]]]:
-        self.interruption, self.whole = None, len(self._ticks)
-        with contextlib.ExitStack() as stack:
-            readers: dict[int, FrameReader] = {}
-            for camera in cameras:
-                readers[camera] = self._sources[camera].open()
-                stack.callback(readers[camera].close)
-
-            def read(done: int) -> dict[int, Image]:
-                tick = int(self._ticks[done])
-                (has,) = self._has_frame(np.array([tick]))
-                return {
-                    camera: self._read(camera, reader, tick, done)
-                    for camera, reader in readers.items()
-                    if has[camera]
-                }
-
-            # The next instant is decoded while this one is looked at.
-            pool = stack.enter_context(ThreadPoolExecutor(1))
-            count = len(self._ticks)
-            ahead = deque(pool.submit(read, done) for done in range(first, min(first + 1, count)))
-            for done in range(first, count):
-                try:
-                    pictures = ahead.popleft().result()
-                except FileFormatError as error:
-                    if not self._keep:
-                        raise
-                    self.interruption, self.whole = error, done
-                    return
-                if done + 1 < count:
-                    ahead.append(pool.submit(read, done + 1))
-                yield int(self._ticks[done]), pictures
-
-    def _read(self, camera: int, reader: FrameReader, tick: int, done: int) -> Image:
+    def _read(
+        self, camera: int, reader: CaptureReader | ImageFolder, tick: int, done: int
+    ) -> Image:
         source = self._sources[camera]
         frame = self._source_frame(camera, tick)
         image = reader.read(frame)
@@ -620,7 +615,7 @@ def _extrapolated(times: Times, frame: int, fps: float | None) -> float:
     return float(times[inside]) + (frame - inside) / (fps or 1.0)
 
 
-def _length(source: VideoSource) -> float | None:
+def _length(source: VideoFile | ImageFolder) -> float | None:
     """Return the seconds from the first frame to the end of the last."""
     if source.fps is None:
         return None
@@ -633,7 +628,7 @@ def _hash_of(times: Times | None) -> str | None:
     return None if times is None else hashlib.sha256(times.tobytes()).hexdigest()
 
 
-def _open_camera(camera: int, path: str | os.PathLike[str]) -> VideoSource:
+def _open_camera(camera: int, path: str | os.PathLike[str]) -> VideoFile | ImageFolder:
     as_path(path, f"Camera {camera}")
     try:
         return open_source(path)

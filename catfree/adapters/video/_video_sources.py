@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -36,53 +36,7 @@ _AVI = b"RIFF"
 _MATROSKA = b"\x1aE\xdf\xa3"  # WebM, too
 
 
-@runtime_checkable
-class FrameReader(Protocol):
-    """A decoder of a source, from its first frame on; frames are read in ascending order."""
-
-    def read(self, frame: int) -> Image | None:
-        """Decode a frame, or return None if it cannot be decoded."""
-        ...
-
-    def close(self) -> None:
-        """Close the file."""
-        ...
-
-
-@runtime_checkable
-class VideoSource(Protocol):
-    """A camera's pictures before they are decoded.
-
-    Attributes:
-        path: file or folder.
-        frame_count: frames that it claims to hold.
-        fps: frames per second, or None if unknown.
-        image_size: (width, height) in pixels.
-        times: seconds of each frame, or None if frame i is at `i / fps`.
-        timeless: whether that is an assumption, as nothing tells the times.
-    """
-
-    path: Path
-    frame_count: int
-    fps: float | None
-    image_size: tuple[int, int]
-    times: Times | None
-    timeless: bool
-
-    def open(self) -> FrameReader:
-        """Open a reader positioned before the first frame."""
-        ...
-
-    def describe(self, frame: int) -> str:
-        """Describe a frame for error messages."""
-        ...
-
-    def content_hash(self) -> str:
-        """SHA-256 of all bytes."""
-        ...
-
-
-def open_source(path: str | os.PathLike[str]) -> VideoSource:
+def open_source(path: str | os.PathLike[str]) -> "VideoFile | ImageFolder":
     """Open a folder of images or a video file.
 
     Raises:
@@ -100,7 +54,11 @@ def open_source(path: str | os.PathLike[str]) -> VideoSource:
 
 
 class ImageFolder:
-    """Images of one folder in natural order of their names; only a table tells their times."""
+    """Images of one folder in natural order of their names; only a table tells their times.
+
+    Attributes:
+        files: the images; the other attributes are those of `VideoFile`.
+    """
 
     def __init__(self, path: Path) -> None:
         """List the images, decode the first and read `timestamps.csv`, if there is one."""
@@ -122,7 +80,7 @@ class ImageFolder:
             self.fps = rate_of(self.times)
         self.timeless = self.times is None
 
-    def open(self) -> FrameReader:
+    def open(self) -> "ImageFolder":
         """Return the folder itself, as there is nothing to open."""
         return self
 
@@ -155,6 +113,14 @@ class VideoFile:
 
     Its frames are at the times of its table (`NAME.timestamps.csv`), else of its packets, else
     evenly spaced.
+
+    Attributes:
+        path: the file.
+        frame_count: frames that it claims to hold.
+        fps: frames per second, or None if unknown.
+        image_size: (width, height) in pixels.
+        times: seconds of each frame, or None if frame i is at `i / fps`.
+        timeless: whether that is an assumption, as nothing tells the times.
     """
 
     def __init__(self, path: Path) -> None:
@@ -233,9 +199,9 @@ class VideoFile:
         self.times = np.append(times, times[-1] + np.arange(1, lacking + 1) / rate)
         return len(self.times)
 
-    def open(self) -> "_CaptureReader":
+    def open(self) -> "CaptureReader":
         """Open a decoder before the first frame."""
-        return _CaptureReader(self.path, self._frame_at if self._stamped else None)
+        return CaptureReader(self.path, self._frame_at if self._stamped else None)
 
     def _frame_at(self, time: float) -> int:
         """Return the number of the frame whose packet has a time."""
@@ -259,7 +225,7 @@ class VideoFile:
         return hash_file(self.path)
 
 
-class _CaptureReader:
+class CaptureReader:
     """Decodes forward; jumps ahead only where the times of the frames confirm the place."""
 
     def __init__(self, path: Path, number: Callable[[float], int] | None = None) -> None:
@@ -276,6 +242,7 @@ class _CaptureReader:
         self._held: Image | None = None
 
     def read(self, frame: int) -> Image | None:
+        """Decode a frame after those read before, or return None if it cannot be decoded."""
         import cv2
 
         # A frame rate above the camera's own reads the same frame twice.

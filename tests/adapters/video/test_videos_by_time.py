@@ -15,7 +15,7 @@ from catfree._run._input_checks import dropped_instants, footage_warnings, unkno
 from catfree._run._report import footage_table
 from catfree.adapters import FrameDetections, SynchronizedVideos, detect_videos
 from catfree.adapters.video._common_clock import REACH, rate_of
-from catfree.adapters.video._video_sources import open_source
+from catfree.adapters.video._video_sources import ImageFolder, open_source
 from catfree.errors import FileFormatError, InsufficientDataError, InvalidInputError
 from tests.adapters.video.test_common_clock import timelines
 from tests.adapters.video.test_synchronized_videos import (
@@ -30,7 +30,7 @@ from tests.adapters.video.test_timestamps import write_table
 NOON = 1.7e9
 
 
-class FakeSource:
+class FakeSource(ImageFolder):
     """Frames that nobody decodes."""
 
     image_size, timeless = (4, 3), False
