@@ -35,12 +35,12 @@ from catfree.adapters.files._documents import (
     write_text_atomically,
 )
 from catfree.adapters.files._fingerprint import hash_file
-from catfree.adapters.tables._parquet import read_parquet, write_parquet
+from catfree.adapters.tables._parquet import open_dataset, read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.methods.evidence.report._working_area import UsualPlace, usual_place
 from catfree.settings import EvidenceSettings
 from catfree.types import Tracks
-from catfree.types.results import require_pyarrow, symmetric
+from catfree.types.results import symmetric
 
 INSTANTS = 20_000  # at most so many teach the working area: an hour at five per second
 
@@ -200,12 +200,11 @@ def _columns(
     folder: Path, receipt: Receipt, names: list[str], first: int, stop: int
 ) -> dict[str, np.ndarray]:
     """Read columns of a shard's table for the frames from `first` to before `stop`."""
-    require_pyarrow()
+    path = files_of(folder, receipt.index).part
+    opened = open_dataset([str(path)])
     import pyarrow.dataset
 
     field = pyarrow.dataset.field("frame")
-    path = files_of(folder, receipt.index).part
-    opened = pyarrow.dataset.dataset([str(path)], format="parquet")
     table = opened.to_table(columns=names, filter=(field >= first) & (field < stop))
     return {name: table[name].to_numpy() for name in names}
 

@@ -12,11 +12,11 @@ from catfree._run.sharded._receipt import MANIFEST, MANIFEST_SCHEMA, require_sce
 from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import StrPath, read_json, require_folder, require_schema
 from catfree.adapters.files._fingerprint import hash_file
+from catfree.adapters.tables._parquet import open_dataset
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Scene, Tracks
 from catfree.types._validation import as_number
-from catfree.types.results import require_pyarrow
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,7 @@ class StoredTracks:
 
     def dataset(self) -> Any:
         """Open the table as a `pyarrow.dataset.Dataset`, for queries that read only their rows."""
-        require_pyarrow()
-        import pyarrow.dataset
-
-        return pyarrow.dataset.dataset([str(part.path) for part in self.parts], format="parquet")
+        return open_dataset([str(part.path) for part in self.parts])
 
     def _read(self, part: StoredPart) -> Tracks:
         if not part.path.is_file():

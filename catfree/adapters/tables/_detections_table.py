@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from catfree.adapters.files._documents import StrPath, naming_file
-from catfree.adapters.tables._parquet import reading, values_of, write_parquet
+from catfree.adapters.tables._parquet import open_dataset, reading, values_of, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
@@ -135,13 +135,11 @@ def open_detections_table(path: StrPath) -> Any:
         FileFormatError: if it is not a table of detections.
     """
     require_pyarrow()
-    import pyarrow.dataset
-
     source = as_path(path, "path")
     if not source.exists():
         raise InvalidInputError(f"There is no table of detections {source}. Check the path.")
     try:
-        opened = pyarrow.dataset.dataset(source, format="parquet")
+        opened = open_dataset(source)
         names = opened.schema.names
     except Exception as error:
         raise FileFormatError(f"{source} is not a Parquet table: {quoted(error)}.") from error

@@ -66,6 +66,23 @@ def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
     return table
 
 
+def open_dataset(source: Path | Sequence[str]) -> Any:
+    """Open tables as one `pyarrow.dataset.Dataset` that verifies the checksums of what it reads.
+
+    Args:
+        source: a file, a folder, or the paths of files.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+    """
+    require_pyarrow()
+    import pyarrow.dataset
+
+    options = pyarrow.dataset.ParquetFragmentScanOptions(page_checksum_verification=True)
+    parquet = pyarrow.dataset.ParquetFileFormat(default_fragment_scan_options=options)
+    return pyarrow.dataset.dataset(source, format=parquet)
+
+
 @contextmanager
 def reading(path: StrPath) -> Iterator[None]:
     """Name the file in the errors of many kinds that pyarrow raises for damaged files.

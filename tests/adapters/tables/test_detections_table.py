@@ -1,5 +1,7 @@
 """Tables of detections give back what was written, whole or in a range of frames."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -180,6 +182,19 @@ def test_a_range_of_a_damaged_table_is_refused(tmp_path):
     (tmp_path / "a.parquet").write_bytes(content)
     with pytest.raises(FileFormatError, match=r"a\.parquet cannot be read"):
         frame_range(tmp_path / "a.parquet")
+
+
+@given(st.data())
+def test_a_flipped_bit_gives_no_other_boxes(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("boxes") / "b.parquet"
+    written = boxes(0, 30, 9, 3, True, None)
+    content = bytearray(write_detections_parquet(path, written).read_bytes())
+    expected = read_detections_parquet(path)
+    footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    content[data.draw(st.integers(4, footer - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    path.write_bytes(content)
+    with contextlib.suppress(FileFormatError, InvalidInputError):
+        assert_equal(read_detections_parquet(path), expected)
 
 
 def test_tables_of_named_cameras_keep_ankles_and_clock(tmp_path):
