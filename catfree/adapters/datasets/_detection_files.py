@@ -231,7 +231,7 @@ def _files_of(source: Path) -> list[Path]:
 
 def _read_all(files: list[Path]) -> list[_Part]:
     """Read every file; a data set of COCO tells the images of results beside it."""
-    if len(files) > 1 and all(path.suffix == ".json" for path in files):
+    if len(files) > 1 and all(path.suffix.lower() == ".json" for path in files):
         documents = [read_json(path, "boxes") for path in files]
         is_list = [isinstance(document, list) for document in documents]
         if is_list.count(False) == 1 and is_coco(documents[is_list.index(False)]):

@@ -86,7 +86,7 @@ def read_ground_truth(path: StrPath, split: Split = "test") -> GroundTruth:
         raise InvalidInputError(f"split is {quoted(split)}; it must be test, train or all.")
     if source.is_dir():
         return _read_grid(source, split)
-    if source.suffix == ".json":
+    if source.suffix.lower() == ".json":
         sequence = read_uniform_json(source)
         if not len(sequence.ground_truth):
             raise InvalidInputError(f"{source} holds no true positions (gt) to compare with.")

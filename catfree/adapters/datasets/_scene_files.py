@@ -169,9 +169,10 @@ def _complete(source: Path) -> tuple[Scene, tuple[str, ...] | None] | None:
             assert sequence.scene is not None
             return sequence.scene, sequence.camera_names
         return None
-    if source.suffix == ".npz":
+    suffix = source.suffix.lower()
+    if suffix == ".npz":
         return Scene.load(source), None
-    if source.suffix != ".json":
+    if suffix != ".json":
         return None
     document = read_json(source, "calibration")
     if not isinstance(document, dict):
@@ -224,7 +225,7 @@ def _rig(source: Path, image_size: tuple[int, int] | None) -> tuple[NamedRig, Un
     suffix = source.suffix.lower()
     if suffix == ".toml":
         return read_anipose_toml(source), None
-    if source.suffix == ".json":
+    if suffix == ".json":
         document: Any = read_json(source, "calibration")
         if "sensors" in document:
             return read_ai_city(source, **size), None

@@ -219,7 +219,8 @@ def test_a_number_of_a_camera_beyond_all_rigs_is_refused(boxes, tmp_path):
         cf.read_detections(path)
 
 
-def test_a_data_set_of_coco_tells_the_images_of_results(boxes, tmp_path):
+@pytest.mark.parametrize("suffix", ["json", "JSON"])
+def test_a_data_set_of_coco_tells_the_images_of_results(suffix, boxes, tmp_path):
     images = [
         {"id": 100 * camera + frame, "file_name": f"{name}/{frame:05d}.png"}
         | {"width": 640, "height": 480}
@@ -227,9 +228,9 @@ def test_a_data_set_of_coco_tells_the_images_of_results(boxes, tmp_path):
         for frame in (1, 2, 3)
     ]
     categories = [{"id": 7, "name": "dog"}, {"id": 1, "name": "person"}]
-    described = tmp_path / "instances.json"
+    described = tmp_path / f"instances.{suffix}"
     described.write_text(json.dumps({"images": images, "categories": categories}))
-    results = tmp_path / "results.json"
+    results = tmp_path / f"results.{suffix}"
     rows = coco_rows(boxes, lambda frame, camera: 100 * camera + frame)
     results.write_text(json.dumps([*rows, rows[0] | {"category_id": 7}]))
     found = read_camera_boxes([results, described])

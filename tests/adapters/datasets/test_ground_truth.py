@@ -60,7 +60,8 @@ def test_other_annotations_are_refused(tmp_path):
         read_ground_truth(tmp_path)
 
 
-def test_uniform_json_brings_its_area(tmp_path):
+@pytest.mark.parametrize("name", ["truth.json", "TRUTH.JSON"])
+def test_uniform_json_brings_its_area(name, tmp_path):
     document = {
         "units": "m",
         "cameras": [{"name": "a"}],
@@ -70,7 +71,7 @@ def test_uniform_json_brings_its_area(tmp_path):
         ],
         "evaluation_area": {"x": [0, 5], "y": [0, 6]},
     }
-    path = tmp_path / "truth.json"
+    path = tmp_path / name
     path.write_text(json.dumps(document))
     truth = read_ground_truth(path)
     np.testing.assert_array_equal(truth.rows, [[3, 4, 1, 2]])

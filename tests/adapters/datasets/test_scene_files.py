@@ -75,6 +75,17 @@ def test_every_format_gives_the_same_scene(rig, tmp_path):
         np.testing.assert_allclose(scene.ground.normal, [0, 0, 1])
 
 
+def test_the_case_of_a_suffix_does_not_matter(rig, tmp_path):
+    size = tuple(rig.image_size[0].tolist())
+    for path in written(tmp_path, rig)[:5]:  # those of one file
+        scene, names = cf.read_scene(path, image_size=size)
+        same, same_names = cf.read_scene(
+            path.rename(path.with_suffix(path.suffix.upper())), image_size=size
+        )
+        assert same_names == names
+        np.testing.assert_array_equal(same.rig.K, scene.rig.K)
+
+
 @pytest.mark.slow
 @given(unit=st.sampled_from([("mm", 0.001), ("cm", 0.01), ("ft", 0.3048), ("m", 1.0)]))
 def test_units_and_ground_are_those_of_the_file(unit, rig, tmp_path_factory):
