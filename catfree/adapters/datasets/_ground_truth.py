@@ -149,8 +149,8 @@ def _read_csv(path: Path) -> np.ndarray:
     """Read rows (N, 4) of a CSV file with the columns frame, id (or track_id), x and y.
 
     Raises:
-        FileFormatError: if a column is missing, or a line (which it names) has too few or too many
-            columns or a value that is not a number.
+        FileFormatError: if a column is missing or occurs twice, or a line (which it names) has too
+            few or too many columns or a value that is not a number.
     """
     table = read_csv(path, "ground truth")
     header = table.header
@@ -167,7 +167,7 @@ def _read_csv(path: Path) -> np.ndarray:
         raise FileFormatError(
             f"{path} has a header but no rows: there is no truth to compare with."
         )
-    columns = table.columns()
+    columns = table.columns(once=names)
     rows = zip(table.lines, zip(*(columns[name] for name in names), strict=True), strict=True)
     return np.array([_row_of(words, names, path, line) for line, words in rows])
 

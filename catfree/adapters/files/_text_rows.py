@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,12 +32,21 @@ class CsvTable(NamedTuple):
     rows: list[list[str]]
     lines: list[int]
 
-    def columns(self) -> dict[str, tuple[str, ...]]:
+    def columns(self, once: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
         """Words of each column by its name in the header.
 
+        Args:
+            once: names of columns that may not occur twice; of others, the last one is taken.
+
         Raises:
-            FileFormatError: naming the first line with too few or too many columns.
+            FileFormatError: naming such a column that does, or the first line with too few or too
+                many columns.
         """
+        twice = [name for name in once if self.header.count(name) > 1]
+        if twice:
+            raise FileFormatError(
+                f"{self.source} has two columns {quoted(twice[0])}. Keep one of them."
+            )
         for line, row in zip(self.lines, self.rows, strict=True):
             if len(row) != len(self.header):
                 raise FileFormatError(

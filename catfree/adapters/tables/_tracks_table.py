@@ -100,7 +100,7 @@ def read_tracks_csv(path: StrPath) -> Tracks:
     if missing:
         raise FileFormatError(f"{source} has no column {missing[0]!r}; is it a table of tracks?")
     column = {}
-    for name, values in table.columns().items():
+    for name, values in table.columns(once=table.header).items():
         try:
             if name == "origin":
                 column[name] = np.array([Origin[value.upper()] for value in values], np.int64)

@@ -99,6 +99,7 @@ def test_truth_and_tracks_are_read_alike(identity, tmp_path):
         ("frame,id,x,y\n0,1,2,3\n\n0,1,2\n", r"truth\.csv: line 4 has 3 columns instead of 4"),
         ("frame,id,x,y\n0,1,1,5,2,5\n", "line 2 has 6 columns.*decimals with a point"),
         ("frame,id,x,y\n", "has a header but no rows"),
+        ("frame,id,x,y,x\n0,1,2,3,4\n", "has two columns 'x'. Keep one"),
         ("frame,id,x,y\n0,1,2,3\n1,1,nan,3\n", r"truth\.csv: x in line 3 is 'nan'"),
         ("frame,id,x,y\n0.5,1,2,3\n", "frame in line 2 is '0.5', not a whole number"),
         ("frame,id,x,y\n0,,2,3\n", "id in line 2 is '', not a whole number"),

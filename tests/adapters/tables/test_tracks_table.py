@@ -288,6 +288,7 @@ def test_parquet_without_rows_has_the_columns_of_one_with_rows(tmp_path):
         (lambda text: text.replace("\n0,", "\n99999999999999999999,"), "column 'frame'"),
         (lambda text: text + "x" * 200_000, "is not valid CSV"),
         (lambda text: text.replace("0.1", "wide"), "column 'sigma'"),
+        (lambda text: text.replace("\n", ",9\n").replace(",9", ",x", 1), "two columns 'x'"),
     ],
 )
 def test_damaged_csv_is_named(change, message, tmp_path):
