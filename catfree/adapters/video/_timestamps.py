@@ -52,11 +52,14 @@ def read_timestamps(path: Path, frame_count: int) -> Times:
                     f"{path}: line 1 is {quoted(header.strip())}, not the header "
                     f"{','.join(_COLUMNS)}."
                 )
+            ended = False  # by an empty line, after which only such may follow
             while line := stream.readline(_LONGEST_LINE):
-                if line.strip():
-                    times.append(_parsed(line, path, times))
-                elif stream.read(1).strip():
+                if not line.strip():
+                    ended = True
+                elif ended:
                     raise FileFormatError(f"{path}: line {len(times) + 2} is empty.")
+                else:
+                    times.append(_parsed(line, path, times))
         except (OSError, UnicodeDecodeError) as error:
             raise FileFormatError(
                 f"{path} ({_MEANING}) is not readable text: {quoted(error)}."

@@ -25,7 +25,7 @@ def test_a_table_gives_back_every_bit(tmp_path_factory, times):
 
 def test_a_table_of_a_spreadsheet(tmp_path):
     path = tmp_path / "t.csv"
-    path.write_bytes(b"\xef\xbb\xbfframe_id, timestamp_s\r\n0, 0.5\r\n1, 1\r\n\r\n")
+    path.write_bytes(b"\xef\xbb\xbfframe_id, timestamp_s\r\n0, 0.5\r\n1, 1\r\n\r\n\r\n")
     assert read_timestamps(path, 2).tolist() == [0.5, 1.0]
 
 
@@ -41,6 +41,7 @@ def test_a_table_of_a_spreadsheet(tmp_path):
         ("frame_id,timestamp_s\n0,0.5\n1;0.6\n", "line 3 is '1;0.6', not the number of a frame"),
         ("frame_id,timestamp_s\n0,0.5\n1,0.6,7\n", "line 3 is '1,0.6,7'"),
         ("frame_id,timestamp_s\n0,0.5\n\n1,0.6\n", "line 3 is empty"),
+        ("frame_id,timestamp_s\n0,0.5\n\n\n1,0.6\n2,0.7\n", "line 3 is empty"),
         ("frame_id,timestamp_s\n0,nan\n", "line 2 has timestamp_s nan, which is not a time"),
         ("frame_id,timestamp_s\n0,1.7e12\n", "line 2 has timestamp_s 1.7e.12, which is not a time"),
         ("frame_id,timestamp_s\n0," + "9" * 1000, "line 2 is .* not the number|line 2 has"),
