@@ -17,4 +17,5 @@ from catfree.types.results._tracks import (
     Origin as Origin,
     Tracks as Tracks,
     require_sound_tracks as require_sound_tracks,
+    supporting_boxes as supporting_boxes,
 )

@@ -317,24 +317,13 @@ class Tracks(eqx.Module):
                 f"There is no camera {index}; the tracks tell the boxes of {self.support.shape[1]} "
                 "cameras."
             )
-        row = np.flatnonzero(self.support[:, index] >= 0) if len(self) else np.zeros(0, np.int64)
-        box = self.support[row, index] if len(self) else row
-        if len(box) and box.max() >= len(detections):
-            raise InvalidInputError(
-                f"The tracks were made from more than these {len(detections)} detections. Pass "
-                "the detections that they were made from."
-            )
-        if (detections.camera[box] != index).any() or (
-            detections.frame[box] != self.frame[row]
-        ).any():
-            raise InvalidInputError(
-                f"The boxes that support the tracks are not of camera {index} in these detections. "
-                "Pass the detections that the tracks were made from."
-            )
-        by_frame = np.argsort(self.frame[row], kind="stable")
+        kept = self[self.track_id >= 0]
+        row, cameras, box = supporting_boxes(kept, detections)
+        row, box = row[cameras == index], box[cameras == index]
+        by_frame = np.argsort(kept.frame[row], kind="stable")
         row, box = row[by_frame], box[by_frame]
         frames = np.unique(np.concatenate([detections.frame, self.frame]))
-        begin, end = (np.searchsorted(self.frame[row], frames, side) for side in ("left", "right"))
+        begin, end = (np.searchsorted(kept.frame[row], frames, side) for side in ("left", "right"))
         score = detections.score
         result = {}
         for frame, first, stop in zip(frames.tolist(), begin, end, strict=True):
@@ -342,8 +331,8 @@ class Tracks(eqx.Module):
             result[frame] = supervision.Detections(
                 xyxy=detections.box[boxes],
                 confidence=None if score is None else score[boxes],
-                tracker_id=self.track_id[rows],
-                data={"ground_xy": self.ground_xy[rows], "sigma": self.sigma[rows]},
+                tracker_id=kept.track_id[rows],
+                data={"ground_xy": kept.ground_xy[rows], "sigma": kept.sigma[rows]},
             )
         return result
 
@@ -372,6 +361,41 @@ class Tracks(eqx.Module):
             tracks = cls(**arrays, clock=clock)
             require_sound_tracks(tracks)
         return tracks
+
+
+def supporting_boxes(
+    tracks: Tracks, detections: Detections
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Find the boxes that support tracks.
+
+    Args:
+        tracks: whose rows name boxes.
+        detections: those that the tracks were made from.
+
+    Returns:
+        Of each box, the row of the tracks that it supports, its camera, and its row of the
+        detections, sorted by the first two.
+
+    Raises:
+        InvalidInputError: if the tracks do not say which boxes support them, as after reading them
+            from a table, or the detections are others.
+    """
+    if len(tracks) and not tracks.support.shape[1]:
+        raise InvalidInputError(
+            "These tracks do not say which boxes support them, as a table of tracks does not. Pass "
+            "those of the localization, or read them by Tracks.load."
+        )
+    row, camera = np.nonzero(tracks.support >= 0)
+    box = tracks.support[row, camera]
+    known = box < len(detections)
+    same = detections.camera[box[known]] == camera[known]
+    same &= detections.frame[box[known]] == tracks.frame[row[known]]
+    if not (known.all() and same.all()):
+        raise InvalidInputError(
+            "The tracks were made from other detections: a box that supports them is missing, or "
+            "of another camera or frame. Pass the detections that the tracks were made from."
+        )
+    return row, camera, box
 
 
 def require_sound_tracks(tracks: Tracks) -> None:

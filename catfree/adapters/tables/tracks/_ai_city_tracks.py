@@ -12,6 +12,7 @@ from catfree.adapters.tables.tracks._tracked_rows import tracked
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Tracks
 from catfree.types._validation import as_count, as_path, as_positive
+from catfree.types.results import supporting_boxes
 
 _PERSON = 0  # class of people, 2025
 _OF_BOXES, _OF_IMAGES = 11, 9  # columns
@@ -48,7 +49,7 @@ def write_ai_city_tracks(
 
     Raises:
         InvalidInputError: if a frame is negative, a position is not finite, the tracks are from
-            other detections, or the folder does not exist.
+            other detections or do not say which boxes support them, or the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
     kept = tracked(tracks, path)
@@ -69,16 +70,11 @@ def write_ai_city_tracks(
             )
         ]
         return write_text_atomically(path, "\n".join([*lines, ""]))
+    row, camera, box = supporting_boxes(kept, detections)
     count = kept.support.shape[1]
     numbers = range(1, count + 1) if camera_ids is None else camera_ids
     if len(numbers) != count:
         raise InvalidInputError(f"Got {len(numbers)} camera_ids for {count} cameras.")
-    row, camera = np.nonzero(kept.support >= 0)
-    box = kept.support[row, camera]
-    if len(box) and (box.max() >= len(detections) or (detections.camera[box] != camera).any()):
-        raise InvalidInputError(
-            f"Cannot write {path}: the tracks were made from other detections. Pass those."
-        )
     corner = np.floor(detections.box[box, :2])
     pixels = np.column_stack([corner, np.ceil(detections.box[box, 2:]) - corner]).astype(int)
     lines = []

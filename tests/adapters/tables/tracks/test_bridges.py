@@ -160,13 +160,20 @@ def test_ai_city_takes_people_of_one_sequence(tmp_path):
 
 def test_ai_city_refuses_other_detections(tmp_path):
     tracks = walking()
-    few = Detections([0], [0], [[0, 0, 1, 1]])
-    for options, sentence in [
-        ({"detections": few}, "made from other detections"),
-        ({"detections": few, "camera_ids": [1]}, "Got 1 camera_ids for 2 cameras"),
-    ]:
-        with pytest.raises(InvalidInputError, match=sentence):
-            write_ai_city_tracks(tmp_path / "track1.txt", tracks, **options)
+    n = len(tracks)
+    boxes = Detections(tracks.frame, np.zeros(n, int), np.tile([1.5, 2.0, 9.25, 30.0], (n, 1)))
+    later, beside = (
+        dataclasses.replace(boxes, **{name: getattr(boxes, name) + 1})
+        for name in ("frame", "camera")
+    )
+    for others in (boxes[:1], later, beside):
+        with pytest.raises(InvalidInputError, match="made from other detections"):
+            write_ai_city_tracks(tmp_path / "track1.txt", tracks, detections=others)
+    with pytest.raises(InvalidInputError, match="Got 1 camera_ids for 2 cameras"):
+        write_ai_city_tracks(tmp_path / "track1.txt", tracks, detections=boxes, camera_ids=[1])
+    unsupported = dataclasses.replace(tracks, support=None)
+    with pytest.raises(InvalidInputError, match="do not say which boxes"):
+        write_ai_city_tracks(tmp_path / "track1.txt", unsupported, detections=boxes)
 
 
 degrees = st.tuples(st.floats(-179, 179), st.floats(-70, 70))
