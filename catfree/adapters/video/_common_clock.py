@@ -54,18 +54,14 @@ def on_common_clock(
     """
     require_instance(detections, Detections, "detections")
     times = [_increasing(values, camera) for camera, values in enumerate(timestamps)]
-    names = [f"{camera}" for camera in range(len(times))]
-    rates = {
-        name: rate_of(seconds)
-        for name, seconds in zip(names, times, strict=True)
-        if len(seconds) > 1
-    }
+    stated = {f"{camera}": seconds for camera, seconds in enumerate(times) if len(seconds)}
+    rates = {name: rate_of(seconds) for name, seconds in stated.items() if len(seconds) > 1}
     rate = common_rate(rates, frame_rate)
     if rate is None:
         raise InsufficientDataError(
             "No camera has two timestamps, so the frame rate is unknown. Pass frame_rate."
         )
-    start, utc = common_start([seconds for seconds in times if len(seconds)], names)
+    start, utc = common_start(list(stated.values()), list(stated))
     ticks = [ticks_of_frames(seconds, start, rate) for seconds in times]
     tick = np.full(len(detections), -1)
     for camera in np.unique(detections.camera).tolist():

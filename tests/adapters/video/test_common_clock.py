@@ -109,6 +109,8 @@ def test_absolute_times_are_utc_and_need_all_cameras():
     assert found.clock.utc
     with pytest.raises(InvalidInputError, match=r"Camera '1' has absolute .*camera '0' does not"):
         on_common_clock(boxes([0], [0]), [now - 1.7e9, now])
+    with pytest.raises(InvalidInputError, match=r"Camera '1' has absolute .*camera '2' does not"):
+        on_common_clock(boxes([0], [1]), [[], now, now - 1.7e9])
 
 
 def test_gaps_and_rounding_leave_the_rate_alone():
