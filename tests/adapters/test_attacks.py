@@ -107,7 +107,7 @@ def test_what_compresses_too_well_is_still_read_back(tmp_path, monkeypatch):
         "[" + ".".join("a" * 20_000) + "]",
         'x = {"' + '"."'.join("a" * 20_000) + '" = 1}',
         'x = "' + "\\" * 20_000,
-        "# " + "x" * 2**17,
+        "# " + "x" * 2**20,
     ],
 )
 def test_deep_and_long_toml_is_refused_at_once(text, tmp_path):

@@ -28,7 +28,7 @@ from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Lens, Rig
 from catfree.types._validation import as_path, as_positive
 
-_LARGEST_FILE = 2**17  # characters; a camera takes about 500
+_LARGEST_FILE = 2**20  # characters; a camera takes about 500, and the parser two seconds at most
 _MOST_DOTS = 64  # a camera has nine decimal points per line
 
 

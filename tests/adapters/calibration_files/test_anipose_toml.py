@@ -32,6 +32,12 @@ def test_a_table_has_what_pose2sim_and_caliscope_look_for(rig, tmp_path):
         np.testing.assert_allclose(camera["translation"], 1000 * np.asarray(rig.t)[at])
 
 
+def test_a_hall_of_many_cameras_comes_back(rig, tmp_path):
+    many = rig.select(np.arange(400) % 4)
+    again = read_anipose_toml(write_anipose_toml(tmp_path / "Calib.toml", many)).rig
+    np.testing.assert_allclose(again.t, many.t)
+
+
 @pytest.mark.slow
 def test_aniposelib_sees_the_same_pixels(rig, tmp_path):
     cameras = pytest.importorskip("aniposelib.cameras", reason="aniposelib is not installed")
