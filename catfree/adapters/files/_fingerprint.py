@@ -6,7 +6,10 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from catfree.errors import InvalidInputError
+from catfree.types._sampling import evenly_spread
 from catfree.types._validation import as_path
 
 _CHUNK = 1 << 20
@@ -22,7 +25,8 @@ def hash_file(path: str | os.PathLike[str]) -> str:
 def hash_samples(path: str | os.PathLike[str]) -> str:
     """Compute the SHA-256 of a file's size and of evenly spread parts, 16 MiB at most.
 
-    For recordings too large to be read as a whole. Of a folder, its names, sizes and 16 files.
+    For recordings too large to be read as a whole. Of a folder, its names, sizes and 16 files,
+    evenly spread.
 
     Raises:
         InvalidInputError: if there is nothing at that path, or it cannot be read.
@@ -34,8 +38,8 @@ def hash_samples(path: str | os.PathLike[str]) -> str:
             names = [
                 f"{file.relative_to(source).as_posix()} {file.stat().st_size}" for file in files
             ]
-            chosen = files[:: max(1, len(files) // _SAMPLES)][:_SAMPLES]
-            return hash_parameters("folder", *names, *(hash_samples(file) for file in chosen))
+            chosen = evenly_spread(np.array(files), _SAMPLES)
+            return hash_parameters("folder", *names, *map(hash_samples, chosen))
         size = source.stat().st_size
         digest = hashlib.sha256(str(size).encode())
         with source.open("rb") as stream:
