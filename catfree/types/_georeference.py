@@ -64,7 +64,10 @@ class GeoReference:
         require_shape(degrees, (len(points), 2), "longitude_latitude")
         if len(points) < 2 or np.ptp(points, axis=0).max() == 0:
             raise InvalidInputError("A place on the map needs at least 2 different points.")
-        center = cls(*degrees.mean(0).tolist())
+        longitude, latitude = degrees.mean(0).tolist()
+        if np.ptp(degrees[:, 0]) > 180:  # on both sides of longitude 180
+            longitude = (float((degrees[:, 0] % 360).mean()) + 180) % 360 - 180
+        center = cls(longitude, latitude)
         east_north = center.to_xy(degrees)
         # Least squares over complex numbers: a rotation times a scale is one factor.
         middle = points.mean(0)

@@ -77,6 +77,19 @@ def test_a_moved_scene_stays_where_it_is_on_earth(given_reference, seed):
         assert off[0] < 1e-3 * earth.meters_per_unit * (1 + np.abs(found[0]).max())
 
 
+@given(st.floats(-70, 70), st.floats(-0.001, 0.001), st.floats(1, 90))
+def test_anchors_may_lie_on_both_sides_of_longitude_180(latitude, longitude, across):
+    anchors = np.array([[0.0, 0], [across, 0], [0, 60]])
+    there = cf.adapters.GeoReference(longitude, latitude).to_longitude_latitude(anchors)
+    expected = cf.adapters.GeoReference.from_anchors(anchors, there)
+    # By half a turn of Earth.
+    moved = np.column_stack([there[:, 0] % 360 - 180, there[:, 1]])
+    found = cf.adapters.GeoReference.from_anchors(anchors, moved)
+    assert -180 <= found.longitude <= 180
+    assert abs((found.longitude - expected.longitude) % 360 - 180) < 1e-9
+    np.testing.assert_allclose(found.to_xy(moved), anchors, atol=1e-3)
+
+
 def test_files_keep_the_place_and_old_files_have_none(tmp_path):
     earth = cf.GeoReference(8.5, 47.3, 30.0, (1.0, 2.0), 1.0)
     plain = make_layout("ring4").scene
