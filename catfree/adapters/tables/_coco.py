@@ -65,7 +65,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     Raises:
         InvalidInputError: if there is no such file, or a box has no area or a score is invalid.
         FileFormatError: naming the first entry that has another form, or whose image is unknown,
-            or two images of one camera and frame.
+            two images of one camera and frame, or an image of another size than the camera's first.
     """
     source = as_path(path, "path")
     document = read_json(source, "boxes in COCO's form")
@@ -151,6 +151,7 @@ def _images(document: Any, source: Path) -> dict[Any, _Image]:
     rows = list_of(entry(document, "images", source, "the file"), source, "images")
     images_by_id: dict[Any, _Image] = {}
     files: dict[tuple[str, int], Any] = {}
+    sizes: dict[str, tuple[int, int]] = {}
     for at, row in enumerate(rows):
         where = f"image {at}"
         name = entry(row, "file_name", source, where)
@@ -168,6 +169,13 @@ def _images(document: Any, source: Path) -> dict[Any, _Image]:
                     f"{source}: the size of {where} is {quoted(pair)}, not two whole numbers."
                 )
             size = (int(pair[0]), int(pair[1]))
+            first = sizes.setdefault(image.camera, size)
+            if size != first:
+                raise FileFormatError(
+                    f"{source}: {where} ({quoted(name)}) is {size[0]} x {size[1]} px, but the "
+                    f"camera started with {first[0]} x {first[1]} px. Scale its images and boxes "
+                    "to one size."
+                )
         key = entry(row, "id", source, where)
         if not isinstance(key, int | str):
             raise FileFormatError(f"{source}: the id of {where} is {quoted(key)}.")

@@ -261,6 +261,20 @@ def test_a_folder_of_tables_may_name_its_cameras(boxes, tmp_path):
         cf.read_detections(tmp_path)
 
 
+def test_images_of_one_camera_have_one_size(tmp_path):
+    images = [
+        {"id": at, "file_name": f"{camera}/{at}.png", "width": 100 * size, "height": 50 * size}
+        for at, (camera, size) in enumerate([("a", 1), ("b", 2), ("a", 1), ("b", 2)])
+    ]
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({"images": images, "annotations": []}))
+    np.testing.assert_array_equal(read_coco(path).image_size, [[100, 50], [200, 100]])
+    images[2] |= {"width": 200}
+    path.write_text(json.dumps({"images": images, "annotations": []}))
+    with pytest.raises(FileFormatError, match=r"image 2 .*'a/2\.png'.* is 200 x 50 px.*100 x 50"):
+        read_coco(path)
+
+
 @pytest.mark.parametrize("described", [False, True])
 def test_two_images_of_coco_are_not_taken_for_one(described, tmp_path):
     names = ["a/cam1_0005.jpg", "a/cam2_0005.jpg"]
