@@ -62,6 +62,25 @@ class Grid:
 
 
 @dataclasses.dataclass(frozen=True)
+class GridDataSet:
+    """What is the same in every copy of a data set.
+
+    Attributes:
+        name: of the data set.
+        camera_names: in the order of viewNum; the folders of images have the same names.
+        grid: the annotated area.
+        fps: annotated frames per second.
+        test_from: first frame of the test split, the last tenth of the published frames.
+    """
+
+    name: str
+    camera_names: tuple[str, ...]
+    grid: Grid
+    fps: float
+    test_from: int
+
+
+@dataclasses.dataclass(frozen=True)
 class Annotations:
     """Annotated people: boxes with identities, and rows [frame, id, x, y] of true positions."""
 
@@ -69,12 +88,6 @@ class Annotations:
     detections: Detections
     identity: np.ndarray
     ground_truth: np.ndarray
-
-    @classmethod
-    def empty(cls, frames: np.ndarray) -> "Annotations":
-        """Make annotations without people for these frames."""
-        none = np.empty(0, np.int64)
-        return cls(frames, Detections(none, none, np.empty((0, 4))), none, np.empty((0, 4)))
 
 
 def numbered_files(folder: Path, pattern: str) -> dict[int, Path]:
@@ -100,8 +113,7 @@ def numbered_files(folder: Path, pattern: str) -> dict[int, Path]:
 
 def read_annotations(
     files: dict[int, Path],
-    camera_names: tuple[str, ...],
-    grid: Grid,
+    data: GridDataSet,
     *,
     invalid_boxes: InvalidBoxes,
     drop_unseen: bool,
@@ -110,8 +122,7 @@ def read_annotations(
 
     Args:
         files: frame number to file.
-        camera_names: names in the order of viewNum.
-        grid: whose cells positionID numbers.
+        data: whose cells positionID numbers.
         invalid_boxes: whether a box without area is an error or left out.
         drop_unseen: leave out people that no camera sees.
 
@@ -120,6 +131,7 @@ def read_annotations(
             position off the grid.
         FileFormatError: if a file does not have this form.
     """
+    grid, camera_names = data.grid, data.camera_names
     boxes: list[tuple[int, int, int]] = []  # frame, camera, person
     corners: list[np.ndarray] = []
     truth: list[tuple[float, ...]] = []
@@ -173,37 +185,30 @@ def read_annotations(
 
 
 def grid_sequence(
-    name: str,
-    people: Annotations,
-    rig: Rig,
-    camera_names: tuple[str, ...],
-    grid: Grid,
-    fps: float,
-    images: Path,
+    data: GridDataSet, people: Annotations, rig: Rig, root: Path
 ) -> MultiViewSequence:
     """Make a sequence from such a data set, in meters, z up, ground z = 0.
 
     Args:
-        name: name of the data set.
-        people: the annotations.
+        data: the data set.
+        people: the annotations; without any, the frames are those of the images.
         rig: the cameras in meters.
-        camera_names: their names, which are also those of their image folders.
-        grid: the annotated area.
-        fps: annotated frames per second.
-        images: folder of the cameras' folders, which may be missing.
+        root: its folder, whose images may be missing.
     """
+    images = root / "Image_subsets"
+    frames = people.frames if len(people.frames) else image_numbers(images, data.camera_names)
     return MultiViewSequence(
-        name=name,
+        name=data.name,
         detections=people.detections,
         rig=rig,
         scene=metric_scene(rig),
         ground_truth=people.ground_truth,
-        frames=people.frames,
-        camera_names=camera_names,
-        fps=fps,
-        evaluation_area=grid.area,
+        frames=frames,
+        camera_names=data.camera_names,
+        fps=data.fps,
+        evaluation_area=data.grid.area,
         true_centres=np.asarray(rig.centers),
-        images=image_table(images, camera_names, people.frames),
+        images=image_table(images, data.camera_names, frames),
         identity=people.identity,
     )
 

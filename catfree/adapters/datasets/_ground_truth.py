@@ -14,13 +14,9 @@ from catfree.adapters.datasets._grid_annotations import (
     numbered_files,
     read_annotations,
 )
-from catfree.adapters.datasets._multiviewx import (
-    CAMERA_NAMES,
-    GRID as MULTIVIEWX,
-    first_annotation_number,
-)
+from catfree.adapters.datasets._multiviewx import MULTIVIEWX, numbered_like_images
 from catfree.adapters.datasets._uniform_json import read_uniform_json
-from catfree.adapters.datasets._wildtrack import CAMERAS, GRID as WILDTRACK
+from catfree.adapters.datasets._wildtrack import WILDTRACK
 from catfree.adapters.files._documents import StrPath, read_json
 from catfree.adapters.files._text_rows import read_csv
 from catfree.errors import FileFormatError, InvalidInputError, quoted
@@ -30,7 +26,6 @@ Split = Literal["test", "train", "all"]
 COLUMNS = ("frame", "id", "x", "y")
 
 _DETECTION_GATE, _TRACKING_GATE = 0.5, 1.0  # meters
-_TEST_FROM = {"WildTrack": 1800, "MultiviewX": 360}  # the last tenth of the published frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,38 +98,36 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
             f"{source} holds no annotations of WildTrack or MultiviewX "
             "(annotations_positions/NUMBER.json)."
         )
-    cameras = _view_count(next(iter(files.values())))
-    if cameras == len(CAMERAS):
-        name, grid, camera_names = "WildTrack", WILDTRACK, tuple(CAMERAS)
-    elif cameras == len(CAMERA_NAMES):
-        name, grid, camera_names = "MultiviewX", MULTIVIEWX, CAMERA_NAMES
-        images = image_numbers(folder.parent / "Image_subsets", camera_names)
-        first = first_annotation_number(np.array(list(files)), images, None)
-        files = {number - first: file for number, file in files.items()}
-    else:
+    # The first files may have nobody, and therefore no views.
+    cameras = next(filter(None, map(_view_count, files.values())), 0)
+    data = {len(one.camera_names): one for one in (WILDTRACK, MULTIVIEWX)}.get(cameras)
+    if data is None:
         raise FileFormatError(
-            f"{folder} has annotations of {cameras} cameras; WildTrack has {len(CAMERAS)} and "
-            f"MultiviewX {len(CAMERA_NAMES)}."
+            f"{folder} has annotations of {cameras} cameras; WildTrack has "
+            f"{len(WILDTRACK.camera_names)} and MultiviewX {len(MULTIVIEWX.camera_names)}."
         )
-    people = read_annotations(files, camera_names, grid, invalid_boxes="drop", drop_unseen=True)
+    if data is MULTIVIEWX:
+        images = image_numbers(folder.parent / "Image_subsets", data.camera_names)
+        files = numbered_like_images(files, images)
+    people = read_annotations(files, data, invalid_boxes="drop", drop_unseen=True)
     frames = people.frames
-    is_test = frames >= _TEST_FROM[name]
+    is_test = frames >= data.test_from
     split_frames = frames[{"test": is_test, "train": ~is_test, "all": frames >= 0}[split]]
     if not len(split_frames):
         raise InvalidInputError(
-            f"{folder} has no annotations of the {split} split of {name}, whose test split begins "
-            f"at frame {_TEST_FROM[name]}. Take the other split, or all."
+            f"{folder} has no annotations of the {split} split of {data.name}, whose test split "
+            f"begins at frame {data.test_from}. Take the other split, or all."
         )
     rows = people.ground_truth[np.isin(people.ground_truth[:, 0], split_frames)]
-    x_min, x_max, y_min, y_max = grid.area
+    x_min, x_max, y_min, y_max = data.grid.area
     split_name = "all frames" if split == "all" else f"{split} split"
     protocol = (
-        f"{name}, {split_name} ({len(split_frames)} frames, "
+        f"{data.name}, {split_name} ({len(split_frames)} frames, "
         f"{split_frames[0]} to {split_frames[-1]}), area "
         f"x {x_min:g} to {x_max:g} m, y {y_min:g} to {y_max:g} m, people seen by a camera; "
         f"MODA within {_DETECTION_GATE:g} m, MOTA and IDF1 within {_TRACKING_GATE:g} m"
     )
-    return GroundTruth(rows, split_frames, grid.area, protocol)
+    return GroundTruth(rows, split_frames, data.grid.area, protocol)
 
 
 def _view_count(file: Path) -> int:

@@ -11,6 +11,7 @@ from catfree.adapters.calibration_files._rotation_vectors import rotation_from_v
 from catfree.adapters.datasets._grid_annotations import (
     Annotations,
     Grid,
+    GridDataSet,
     InvalidBoxes,
     grid_sequence,
     image_numbers,
@@ -23,10 +24,14 @@ from catfree.adapters.files._text_rows import read_rows
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Rig
 
-CAMERA_NAMES = ("C1", "C2", "C3", "C4", "C5", "C6")
 IMAGE_SIZE = (1920, 1080)
-GRID = Grid(columns=1000, rows=640, cell=0.025, origin=(0.0, 0.0), mirrored=True)
-FPS = 2.0
+MULTIVIEWX = GridDataSet(
+    name="MultiviewX",
+    camera_names=("C1", "C2", "C3", "C4", "C5", "C6"),
+    grid=Grid(columns=1000, rows=640, cell=0.025, origin=(0.0, 0.0), mirrored=True),
+    fps=2.0,
+    test_from=360,
+)
 _DEPTH = 16.0  # meters of the square along y: the mirror maps y to 16 - y
 _CORNER_POINTS = 9  # eight corners of a person's cuboid and the foot point
 
@@ -76,34 +81,37 @@ def read_multiviewx(
     """
     root = require_folder(folder, "MultiviewX")
     rig = _read_rig(root / "calibrations")
-    require_people_in_front(rig, GRID.lattice(), root / "calibrations")
-    images = root / "Image_subsets"
-    numbers = image_numbers(images, CAMERA_NAMES)
+    require_people_in_front(rig, MULTIVIEWX.grid.lattice(), root / "calibrations")
+    numbers = image_numbers(root / "Image_subsets", MULTIVIEWX.camera_names)
     files = numbered_files(root / "annotations_positions", "json")
     if boxes is None:
         has_matchings = (root / "matchings").is_dir()
         boxes = "matchings" if has_matchings and not files else "annotations"
     if boxes == "matchings":
         people = _read_matchings(root / "matchings", numbers, first_annotation)
-    elif files:
-        first = first_annotation_number(np.array(list(files)), numbers, first_annotation)
+    else:
         people = read_annotations(
-            {number - first: file for number, file in files.items()},
-            CAMERA_NAMES,
-            GRID,
+            numbered_like_images(files, numbers, first_annotation),
+            MULTIVIEWX,
             invalid_boxes=invalid_boxes,
             drop_unseen=drop_unseen,
         )
-    else:
-        people = Annotations.empty(numbers)
-    return grid_sequence("MultiviewX", people, rig, CAMERA_NAMES, GRID, FPS, images)
+    return grid_sequence(MULTIVIEWX, people, rig, root)
+
+
+def numbered_like_images(
+    files: dict[int, Path], images: np.ndarray, first: int | None = None
+) -> dict[int, Path]:
+    """Number annotation files as the images are; `first` as in `read_multiviewx`."""
+    shift = first_annotation_number(np.array(list(files)), images, first)
+    return {number - shift: file for number, file in files.items()}
 
 
 def _read_rig(folder: Path) -> Rig:
     cameras = []
     mirror, shift = np.diag([1.0, -1.0, 1.0]), np.array([0.0, _DEPTH, 0.0])
-    center = np.array([GRID.area[1] / 2, GRID.area[3] / 2, 0.0])
-    for camera, name in enumerate(CAMERA_NAMES, start=1):
+    center = np.array([MULTIVIEWX.grid.area[1] / 2, MULTIVIEWX.grid.area[3] / 2, 0.0])
+    for camera, name in enumerate(MULTIVIEWX.camera_names, start=1):
         inner = read_matrices(
             folder / "intrinsic" / f"intr_Camera{camera}.xml",
             f"intrinsics of camera {name}",
@@ -138,7 +146,7 @@ def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Anno
     require_folder(folder, "MultiviewX matchings")
     rows, corners = [], []
     positions: dict[tuple[int, int], tuple[float, float]] = {}
-    for camera, name in enumerate(CAMERA_NAMES):
+    for camera, name in enumerate(MULTIVIEWX.camera_names):
         pixels_path = folder / f"Camera{camera + 1}.txt"
         points_path = folder / f"Camera{camera + 1}_3d.txt"
         pixels, points = (

@@ -7,11 +7,10 @@ from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
-    Annotations,
     Grid,
+    GridDataSet,
     InvalidBoxes,
     grid_sequence,
-    image_numbers,
     numbered_files,
     read_annotations,
 )
@@ -30,8 +29,13 @@ CAMERAS = {
     "C7": "IDIAP3",
 }
 IMAGE_SIZE = (1920, 1080)
-GRID = Grid(columns=480, rows=1440, cell=0.025, origin=(-3.0, -9.0))
-FPS = 2.0  # annotated frames; their numbers step by 5
+WILDTRACK = GridDataSet(
+    name="WildTrack",
+    camera_names=tuple(CAMERAS),
+    grid=Grid(columns=480, rows=1440, cell=0.025, origin=(-3.0, -9.0)),
+    fps=2.0,  # annotated frames; their numbers step by 5
+    test_from=1800,
+)
 _METERS_PER_UNIT = 0.01  # the extrinsics are in centimeters
 
 
@@ -72,18 +76,13 @@ def read_wildtrack(
         Detection, CVPR 2018.
     """
     root = require_folder(folder, "WildTrack")
-    names = tuple(CAMERAS)
     rig = _read_rig(root / "calibrations", undistorted)
-    require_people_in_front(rig, GRID.lattice(), root / "calibrations")
+    require_people_in_front(rig, WILDTRACK.grid.lattice(), root / "calibrations")
     files = numbered_files(root / "annotations_positions", "json")
-    images = root / "Image_subsets"
-    if files:
-        people = read_annotations(
-            files, names, GRID, invalid_boxes=invalid_boxes, drop_unseen=drop_unseen
-        )
-    else:
-        people = Annotations.empty(image_numbers(images, names))
-    return grid_sequence("WildTrack", people, rig, names, GRID, FPS, images)
+    people = read_annotations(
+        files, WILDTRACK, invalid_boxes=invalid_boxes, drop_unseen=drop_unseen
+    )
+    return grid_sequence(WILDTRACK, people, rig, root)
 
 
 def _read_rig(folder: Path, undistorted: bool) -> Rig:

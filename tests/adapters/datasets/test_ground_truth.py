@@ -38,6 +38,16 @@ def test_wildtrack_by_its_protocol(tmp_path):
     assert len(read_ground_truth(tmp_path / "annotations_positions", "all").rows) == 10
 
 
+@pytest.mark.parametrize(("cameras", "first"), [(7, 1800), (6, 360)])
+def test_frames_without_people_may_come_first(cameras, first, tmp_path):
+    write_annotations(tmp_path, (0, first, first + 5), cameras, (0, 1))
+    for frame in (0, first):
+        (tmp_path / "annotations_positions" / f"{frame:08d}.json").write_text("[]")
+    truth = read_ground_truth(tmp_path)
+    np.testing.assert_array_equal(truth.frames, [first, first + 5])
+    np.testing.assert_array_equal(truth.rows[:, :2], [[first + 5, 0]])
+
+
 def test_multiviewx_by_its_protocol(tmp_path):
     write_annotations(tmp_path, (0, 359, 360, 399), 6, (40, 0))
     test = read_ground_truth(tmp_path)
