@@ -61,23 +61,23 @@ def read_colmap(folder: StrPath) -> NamedRig:
             model is not supported.
     """
     root = require_folder(folder, "COLMAP model")
-    binary = (root / "cameras.bin").is_file() or not (root / "cameras.txt").is_file()
-    if binary:
-        numbered = binary_cameras(root / "cameras.bin")
-        images = binary_images(root / "images.bin")
-        points = binary_points(root / "points3D.bin")
+    is_text = (root / "cameras.txt").is_file() and not (root / "cameras.bin").is_file()
+    kind = "txt" if is_text else "bin"
+    cameras_file, source, points_file = (
+        root / f"{name}.{kind}" for name in ("cameras", "images", "points3D")
+    )
+    if is_text:
+        numbered, images = _text_cameras(cameras_file), _text_images(source)
+        points = _text_points(points_file)
     else:
-        numbered = _text_cameras(root / "cameras.txt")
-        images = _text_images(root / "images.txt")
-        points = _text_points(root / "points3D.txt")
+        numbered, images = binary_cameras(cameras_file), binary_images(source)
+        points = binary_points(points_file)
     cameras = dict(numbered)
     if len(cameras) < len(numbered):
         twice = Counter(camera_id for camera_id, _ in numbered).most_common(1)[0][0]
         raise FileFormatError(
-            f"{root / ('cameras.bin' if binary else 'cameras.txt')} describes camera {twice} "
-            "twice. Remove one of the two."
+            f"{cameras_file} describes camera {twice} twice. Remove one of the two."
         )
-    source = root / ("images.bin" if binary else "images.txt")
     if not images:
         raise FileFormatError(f"{source} holds no images.")
     images = sorted(images, key=lambda image: image[0])
@@ -89,14 +89,14 @@ def read_colmap(folder: StrPath) -> NamedRig:
                 f"{source}: image {label} has camera {camera_id}, not in cameras."
             )
         model, width, height, parameters = cameras[camera_id]
-        matrix, coefficients, kind = intrinsics(model, parameters, root, label)
+        matrix, coefficients, lens = intrinsics(model, parameters, root, label)
         with np.errstate(over="ignore", invalid="ignore"):
             norm = np.linalg.norm(quaternion)
         if not (np.isfinite(norm) and norm > 0):
             raise InvalidInputError(f"{source}: image {label} has no valid rotation quaternion.")
         R = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
         size = np.array([width, height])
-        file_cameras.append(FileCamera(matrix, R, translation, size, coefficients, kind))
+        file_cameras.append(FileCamera(matrix, R, translation, size, coefficients, lens))
     return named_rig(file_cameras, [image[0] for image in images], root, points)
 
 
