@@ -159,9 +159,7 @@ def _split(
     blob: UInt8[np.ndarray, "h w"], templates: _Templates, known: list[Person]
 ) -> list[Person]:
     """Add to the known people those who explain the remaining pixels."""
-    people, unexplained = list(known), blob.copy()
-    for person in known:
-        _erase(unexplained, person)
+    people, unexplained = list(known), _without(blob, known)
     while len(people) < MOST_PEOPLE:
         person = templates.best(unexplained)
         if person is None:
