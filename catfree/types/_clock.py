@@ -98,8 +98,8 @@ def clock_from_array(values: Any) -> Clock | None:
     Raises:
         InvalidInputError: if these are not the three numbers of a clock.
     """
-    if values is None or isinstance(values, Clock):
-        return values
+    if values is None:
+        return None
     array = np.asarray(as_float(values), np.float64)
     if array.shape != (3,) or array[2] not in (0, 1):
         raise InvalidInputError(f"clock is {quoted(values)}, not rate, start and kind of a clock.")
