@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import hashlib
-import inspect
 import os
 import types
 import typing
@@ -15,7 +14,7 @@ import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError, WriteError
 from catfree.types import Localization, Tracks
-from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._archive import load_arrays, naming_file, optional_arguments, save_arrays
 from catfree.types._validation import options_of, require_declared_types
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned
 from catfree.types.results import require_sound_localization, require_sound_tracks
@@ -145,7 +144,7 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             its dataclass.
     """
     values: dict[str, Any] = {}
-    hints, optional = _field_types(kind), _optional_arguments(kind)
+    hints, optional = _field_types(kind), optional_arguments(kind)
     for name, hint in hints.items():
         options = options_of(hint)
         prefix = name + SEPARATOR
@@ -196,10 +195,3 @@ def code_hash(*packages: str) -> str:
 def _field_types(kind: type[Any]) -> dict[str, Any]:
     hints = typing.get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
-
-
-@functools.cache
-def _optional_arguments(kind: type[Any]) -> frozenset[str]:
-    """Constructor arguments with a default: fields that files of earlier versions may lack."""
-    parameters = inspect.signature(kind.__init__).parameters.values()
-    return frozenset(p.name for p in parameters if p.default is not inspect.Parameter.empty)

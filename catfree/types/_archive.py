@@ -1,11 +1,14 @@
 """Saving and loading of arrays in one `.npz` file: atomic, bit for bit, without pickle."""
 
+import functools
+import inspect
 import math
 import os
 import zipfile
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -95,6 +98,29 @@ def load_arrays(
             f"{source} {what}, so another version wrote this {kind}. Save it again with .save()."
         )
     return arrays
+
+
+def load_record(path: str | os.PathLike[str], kind: type[Any]) -> dict[str, np.ndarray]:
+    """Read the arguments of a record's constructor, of which the optional ones may be missing.
+
+    Args:
+        path: the file to read.
+        kind: the type that the file must hold.
+
+    Raises:
+        InvalidInputError: as `load_arrays`.
+        FileFormatError: as `load_arrays`.
+    """
+    optional = optional_arguments(kind)
+    required = [name for name in kind.__annotations__ if name not in optional]
+    return load_arrays(path, kind.__name__, required=required, optional=optional)
+
+
+@functools.cache
+def optional_arguments(kind: type[Any]) -> frozenset[str]:
+    """Constructor arguments with a default: fields that files of earlier versions may lack."""
+    parameters = inspect.signature(kind.__init__).parameters.values()
+    return frozenset(p.name for p in parameters if p.default is not inspect.Parameter.empty)
 
 
 def read_archive(

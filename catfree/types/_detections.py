@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.errors import InvalidInputError, needing, quoted, shortened
-from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._archive import load_record, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._sampling import select_rows
 from catfree.types._validation import (
@@ -319,13 +319,10 @@ class Detections(eqx.Module):
             InvalidInputError: if there is no such file, or a row in it is invalid.
             FileFormatError: if the file holds something else.
         """
-        # Files of versions 0.1 and 0.2 have no clock.
-        optional = ("score", "ankles_confirmed", "embedding", "keypoints", "clock")
-        required = ("frame", "camera", "box")
-        arrays = load_arrays(path, "Detections", required=required, optional=optional)
-        columns = {name: array for name, array in arrays.items() if name != "clock"}
+        arrays: dict[str, Any] = load_record(path, cls)
         with naming_file(path):
-            return cls(**columns, clock=clock_from_array(arrays.get("clock")))
+            # Files of versions 0.1 and 0.2 have no clock.
+            return cls(**arrays | {"clock": clock_from_array(arrays.get("clock"))})
 
 
 def require_pandas() -> Any:

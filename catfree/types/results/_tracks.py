@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt64
 
 from catfree.errors import InvalidInputError, needing, quoted
-from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._archive import load_record, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._detections import Detections, require_pandas
 from catfree.types._sampling import select_rows
@@ -349,12 +349,7 @@ class Tracks(eqx.Module):
             FileFormatError: if the file holds something else.
         """
         # Files of version 0.1 lack support and velocity, and those of version 0.2 the clock.
-        optional = (
-            "existence", "support", "velocity", "velocity_covariance", "cameras", "clock",
-            "design_sigma", "whole_views",
-        )  # fmt: skip
-        required = [name for name in cls.__annotations__ if name not in optional]
-        arrays = load_arrays(path, "Tracks", required=required, optional=optional)
+        arrays = load_record(path, cls)
         with naming_file(path):
             clock = clock_from_array(arrays.pop("clock", None))
             require_declared_types(cls, arrays)
