@@ -167,8 +167,8 @@ def naming_file(source: str | os.PathLike[str]) -> Iterator[None]:
     """Prefix the errors of a type's constructor or of a check with the file's name."""
     try:
         yield
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{source}: {error}") from error
+    except (FileFormatError, InvalidInputError) as error:
+        raise type(error)(f"{source}: {error}") from error
 
 
 def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:

@@ -14,10 +14,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree._run._cache import StageCache, code_hash, content_hash, from_arrays, to_arrays
+from catfree._run._cache import (
+    StageCache,
+    code_hash,
+    content_hash,
+    from_arrays,
+    load_value,
+    to_arrays,
+)
 from catfree.errors import FileFormatError, WriteError
 from catfree.methods.paper._assemble import empty_localization
 from catfree.types import Detections, Localization, Plane, Rig, Scene
+from catfree.types._archive import save_arrays
 from catfree.types._writing import ABANDONED_AFTER
 
 
@@ -54,9 +62,13 @@ def test_arrays_give_back_every_dataclass(values, note, length, nested):
     assert content_hash(again) == content_hash(value)
 
 
-def test_a_missing_field_is_named():
+def test_a_missing_field_is_named(tmp_path):
+    arrays = {"inner.values": np.zeros(1), "flag": np.array(True)}
     with pytest.raises(FileFormatError, match="lacks 'length'"):
-        from_arrays(Outer, {"inner.values": np.zeros(1), "flag": np.array(True)})
+        from_arrays(Outer, arrays)
+    save_arrays(tmp_path / "value.npz", "Outer", arrays)
+    with pytest.raises(FileFormatError, match=r"value\.npz: A stored Outer lacks 'length'"):
+        load_value(tmp_path / "value.npz", Outer)
 
 
 def test_result_types_come_back_bit_for_bit(tmp_path):

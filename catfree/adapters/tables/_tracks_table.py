@@ -15,7 +15,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.adapters.files._text_rows import read_csv
 from catfree.adapters.tables._parquet import read_parquet, write_parquet
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.errors import FileFormatError, quoted
 from catfree.types import Clock, Origin, Plane, Tracks
 from catfree.types._clock import ABSOLUTE
 from catfree.types._validation import as_path, require_instance
@@ -176,10 +176,8 @@ def read_tracks_parquet(path: StrPath, ground: Plane | None = None) -> Tracks:
             are not, `tracks.csv` beside them can be read.
     """
     table = read_parquet(path, "tracks")
-    try:
+    with naming_file(path):
         return Tracks.from_arrow(table, ground)
-    except (FileFormatError, InvalidInputError) as error:
-        raise type(error)(f"{path}: {error}") from error
 
 
 def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock | None:
