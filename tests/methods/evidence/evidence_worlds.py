@@ -41,7 +41,7 @@ def bare_boxes(frame, camera, table, **known):
     unknown = {
         "row": np.arange(len(frame)), "frames": np.arange(len(table)), "frame": frame,
         "camera": camera, "box": np.ones((len(frame), 4)), "edges": np.ones((len(frame), 3)),
-        "size": np.ones(len(frame)), "view": camera, "K": none, "R": none, "cut": ~flags,
+        "view": camera, "K": none, "R": none, "cut": ~flags,
         "ankles": flags[:, 0], "covered": np.zeros(len(frame)), "valid": flags[:, 0],
         "table": table, "embedding": None,
         "first": np.searchsorted(frame, np.arange(len(table) + 1)),
@@ -54,7 +54,7 @@ def measured(count, deviation):
     """Measurements of boxes of which only the deviation of the edges is known."""
     return Measurements(
         Information(np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)),
-        np.full((count, 3), float(deviation)), np.zeros((count, 3)), np.ones((count, 3), bool),
+        np.full((count, 3), float(deviation)), np.ones((count, 3), bool),
         np.zeros(count, int), np.ones(count, bool),
     )  # fmt: skip
 

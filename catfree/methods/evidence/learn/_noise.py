@@ -12,7 +12,7 @@ from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence._huber_regression import huber_regression
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
-from catfree.methods.evidence.observe._measurement import Measurements, Noise, field_features
+from catfree.methods.evidence.observe._measurement import Measurements, Noise, features_of
 from catfree.methods.evidence.observe._sightings import predicted_edges
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
@@ -112,10 +112,7 @@ def learn_noise(
     residual, sd, used = left_out_residuals(
         row, strong[g], groups, measurements, boxes, views, noise
     )
-    view = boxes.view[row]
-    features = field_features(
-        boxes.edges[row], boxes.size[row], views.focal[view], views.center[view]
-    )
+    features = features_of(boxes, row, views)
     field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
     if settings.residual_field:
         for camera in range(C):

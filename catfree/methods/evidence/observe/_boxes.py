@@ -35,7 +35,6 @@ class Boxes:
         edges: (N, 3) center column, top row, bottom row in pixels of the box's pinhole: that of its
             camera without distortion, or one of its own (`local_pinholes`) in a camera with
             another lens.
-        size: (N,) height in the same pixels.
         view: (N,) the box's pinhole: its camera, or C plus a row of `K` and `R`.
         K: (V, 3, 3) intrinsics of the boxes' own pinholes; V is 0 if all cameras are pinholes.
         R: (V, 3, 3) their rotations from the world.
@@ -55,7 +54,6 @@ class Boxes:
     camera: Int[np.ndarray, " box"]
     box: Float[np.ndarray, "box 4"]
     edges: Float[np.ndarray, "box 3"]
-    size: Float[np.ndarray, " box"]
     view: Int[np.ndarray, " box"]
     K: Float[np.ndarray, "view 3 3"]
     R: Float[np.ndarray, "view 3 3"]
@@ -67,6 +65,11 @@ class Boxes:
     embedding: Embeddings | None
     first: Int[np.ndarray, " bounds"]
     silent: Bool[np.ndarray, "frame cam"]
+
+    @property
+    def size(self) -> Float[np.ndarray, " box"]:
+        """(N,) height in pixels of the box's pinhole."""
+        return np.maximum(self.edges[:, 2] - self.edges[:, 1], 1.0)
 
     @property
     def step(self) -> float:
@@ -215,7 +218,6 @@ def prepare_boxes(
         camera=camera,
         box=detections.box[rows],
         edges=edges,
-        size=np.maximum(edges[:, 2] - edges[:, 1], 1.0),
         view=view,
         K=K,
         R=R,

@@ -52,7 +52,6 @@ class Measurements(eqx.Module):
     Attributes:
         info: (N) information without the height prior; 0 where the measurement is not usable.
         noise: (N, 3) standard deviation of each edge in pixels.
-        edges: (N, 3) edges corrected for systematic offsets.
         used: (N, 3) whether an edge carries information.
         cell: (N,) cell of the camera's map (see `ground_cell`) where the box alone places a person.
         valid: (N,) whether the measurement is usable.
@@ -60,7 +59,6 @@ class Measurements(eqx.Module):
 
     info: Information
     noise: Float[HostOrDevice, "*box 3"]
-    edges: Float[HostOrDevice, "*box 3"]
     used: Bool[HostOrDevice, "*box 3"]
     cell: Int[HostOrDevice, "*box"]
     valid: Bool[HostOrDevice, "*box"]
@@ -118,6 +116,16 @@ def field_features(
     height = xp.stack([xp.zeros_like(size), size, size], -1)
     along = (column - center[..., 0])[..., None]
     return xp.stack([focal[..., None] * flat, along * flat, rows - center[..., 1:], height], -1)
+
+
+def features_of(
+    boxes: Boxes, rows: Int[np.ndarray, " n"], views: GroundViews
+) -> Float[np.ndarray, "n 3 4"]:
+    """Return `field_features` of some of the boxes."""
+    view = boxes.view[rows]
+    return field_features(
+        boxes.edges[rows], boxes.size[rows], views.focal[view], views.center[view]
+    )
 
 
 class Box(NamedTuple):
@@ -255,7 +263,7 @@ def measure(
     sigma = jnp.sqrt((covariance[0, 0] + covariance[1, 1]) / 2)
     valid &= jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
     cell = jnp.where(valid, ground_cell(place[:2], camera.station, camera.heading), 0)
-    return Measurements(info, noise, edges, used, cell, valid)
+    return Measurements(info, noise, used, cell, valid)
 
 
 @jax.jit

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.observe._measurement import features_of
 from catfree.methods.evidence.observe._sightings import sightings_by_camera
 from catfree.types._validation import shown_camera
 
@@ -152,8 +153,9 @@ def residual_patterns(state: EvidenceState) -> Patterns | None:
     )
     velocity = np.nan_to_num(trails.mean[rows, 3:])
     explained_by_camera = []
-    for sightings in sightings_by_camera(
-        trails.mean[rows, :3], member, measurements, state.boxes.view, state.views
+    boxes, views, field = state.boxes, state.views, state.noise.field
+    for camera, sightings in enumerate(
+        sightings_by_camera(trails.mean[rows, :3], member, measurements, boxes.view, views)
     ):
         columns = np.zeros((len(sightings.person), 3, 6))
         columns[:, range(3), range(3)] = 1
@@ -161,9 +163,9 @@ def residual_patterns(state: EvidenceState) -> Patterns | None:
             "nki,ni->nk", sightings.slopes[..., :2], velocity[sightings.person]
         )
         columns[:, 0, 4] = columns[:, 1, 5] = columns[:, 2, 5] = half[sightings.person]
-        residual = (
-            np.asarray(measurements.edges)[sightings.box] - sightings.edges
-        ) * sightings.precision
+        offset = (features_of(boxes, sightings.box, views) * field[camera]).sum(-1)
+        edges = boxes.edges[sightings.box] - offset
+        residual = (edges - sightings.edges) * sightings.precision
         explained_by_camera.append(
             explained(residual, columns * sightings.precision[..., None], block[sightings.person])
         )

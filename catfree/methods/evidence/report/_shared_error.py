@@ -24,7 +24,7 @@ from jaxtyping import Float, Int
 from scipy.special import ndtri, stdtrit
 
 from catfree.methods.evidence._state import EvidenceState
-from catfree.methods.evidence.observe._measurement import Measurements, field_features
+from catfree.methods.evidence.observe._measurement import Measurements, features_of
 from catfree.methods.evidence.observe._sightings import sightings_by_camera
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
@@ -150,9 +150,8 @@ def offset_scatter(
         rows = member[member[:, camera] >= 0, camera]
         rows = rows[np.asarray(state.measurements.used)[rows].all(1)]
         if has_offset and len(rows):
-            focal, center = (part[boxes.view[rows]] for part in (views.focal, views.center))
-            features = field_features(boxes.edges[rows], boxes.size[rows], focal, center)
-            means.append(((features * field[camera]).sum(-1) / focal[:, None]).mean(0))
+            offset = (features_of(boxes, rows, views) * field[camera]).sum(-1)
+            means.append((offset / views.focal[boxes.view[rows]][:, None]).mean(0))
     if len(means) < 2:
         return None
     return scatter_between(np.array(means), settings.angular_noise)

@@ -47,7 +47,7 @@ class Crowd:
         size = edges[:, 2] - edges[:, 1]
         half = 0.2 * size
         box = np.column_stack([edges[:, 0] - half, edges[:, 1], edges[:, 0] + half, edges[:, 2]])
-        return bare_boxes(frame, camera, self.member[..., None], box=box, edges=edges, size=size)
+        return bare_boxes(frame, camera, self.member[..., None], box=box, edges=edges)
 
     def learned(self, rounds=6, rules=RULES):
         """What so many rounds make of the starting noise, and the last median height."""

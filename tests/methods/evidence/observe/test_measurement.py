@@ -120,7 +120,7 @@ def test_the_likelihood_is_that_of_the_edges_about_the_most_likely_person(seed):
     )
     for i in np.flatnonzero(found.valid):
         s, J, W = state[i], slopes[i], np.diag(precision[i])
-        away = found.edges[i] - edges(state)[i]
+        away = rows.edges[i] - edges(state)[i]
         matrix, b, k = found.info.matrix[i], found.info.vector[i], found.info.constant[i]
         size = np.trace(matrix)
         np.testing.assert_allclose(matrix, J.T @ W @ J, rtol=1e-5, atol=1e-6 * size)
