@@ -58,6 +58,7 @@ def check(
             do, from 0 or from 1.
     """
     from catfree._run._run import run_boxes
+    from catfree.adapters.files._camera_names import positions_of
     from catfree.calibration.watching._check import require_since
     from catfree.errors import InvalidInputError
 
@@ -70,9 +71,17 @@ def check(
     camera_boxes = open_boxes(boxes, frame_rate, image_size)
     require_since(since, camera_boxes.detections)  # told before the long work
     known_scene, names = open_scene(scene, unit, image_size)
-    footage = open_videos(videos) if videos else None
-    if footage is not None:
-        footage.require_cameras(known_scene.rig.camera_count)
+    footage = None
+    if videos:
+        count = known_scene.rig.camera_count
+        if len(videos) != count:
+            raise InvalidInputError(
+                f"There are {len(videos)} videos for {count} cameras. Give one per camera, in the "
+                "order of the scene."
+            )
+        # The scene is put in the order of the boxes, without cameras that have no boxes.
+        place = positions_of(camera_boxes.camera_names, names) if names else None
+        footage = open_videos(tuple(videos[camera] for camera in place) if place else videos)
     folder = contextlib.nullcontext() if out is None else folder_of_results(out)
     with folder, progress_bars() as progress:
         outcome = run_boxes(

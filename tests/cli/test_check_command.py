@@ -94,15 +94,16 @@ def test_people_on_the_page_can_be_made_unrecognizable(first, tmp_path, capsys):
     assert "do not number frames as the videos do" in capsys.readouterr().err
 
 
-def test_a_camera_that_fits_refers_to_the_warning_that_names_it(tmp_path, monkeypatch, capsys):
-    def judged(camera, verdict, advice):
-        numbers = dict.fromkeys(("degrees", "degrees_sd", "pixels", "ground", "lag", "lag_sd"), 0.0)
-        turn = {"turn": np.zeros(3), "turn_covariance": np.eye(3), "matched": 1.0}
-        return CameraCheck(camera, verdict, None, None, advice=advice, **numbers, **turn)
+def _judged(camera, verdict, advice):
+    numbers = dict.fromkeys(("degrees", "degrees_sd", "pixels", "ground", "lag", "lag_sd"), 0.0)
+    turn = {"turn": np.zeros(3), "turn_covariance": np.eye(3), "matched": 1.0}
+    return CameraCheck(camera, verdict, None, None, advice=advice, **numbers, **turn)
 
+
+def test_a_camera_that_fits_refers_to_the_warning_that_names_it(tmp_path, monkeypatch, capsys):
     fits, moved = (Verdict.FITS, "Nothing to do."), (Verdict.MOVED, "Calibrate again.")
     verdicts = (fits, fits, moved)
-    cameras = tuple(judged(camera, *found) for camera, found in enumerate(verdicts))
+    cameras = tuple(_judged(camera, *found) for camera, found in enumerate(verdicts))
     outcome = SimpleNamespace(
         scene=None, detections=None, localization=None, camera_names=("C1", "C10", "C2"),
         warnings=("Camera 'C10' is late.", "Camera 'C2' has a wrong lens."),
@@ -136,6 +137,40 @@ def test_words_that_do_not_fit_are_told_before_the_long_work(
     boxes, scene = (str(tmp_path / name) for name in ("boxes.npz", "scene.json"))
     assert cli.main(["check", boxes, "--scene", scene, *words]) == 1
     assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("seen", ["abcd", "dbca", "db"])
+def test_each_video_is_that_of_the_camera_with_its_boxes(seen, tmp_path, monkeypatch, capsys):
+    """Boxes put the scene in their order, and leave out cameras that have none."""
+    write_scene_json(tmp_path / "scene.json", make_layout("ring4", 0).scene, list("abcd"))
+    files, folders = [tmp_path / f"{name}.txt" for name in seen], []
+    for file in files:
+        file.write_text("1,-1,10,10,20,60,1,-1,-1,-1\n")
+    for name in "abcd":
+        folders.append(tmp_path / "videos" / name)
+        folders[-1].mkdir(parents=True)
+        cv2.imwrite(str(folders[-1] / "0.png"), np.zeros((8, 8, 3), np.uint8))
+
+    cameras, pages = tuple(_judged(at, Verdict.FITS, "") for at in range(len(seen))), []
+    monkeypatch.setattr(
+        "catfree._run._run.run_boxes",
+        lambda boxes, *args, **options: SimpleNamespace(
+            scene=None, detections=None, localization=None, camera_names=boxes.camera_names,
+            warnings=(),
+        ),
+    )  # fmt: skip
+    result = Check(cameras, 0, 1, 1.0, True)
+    monkeypatch.setattr("catfree.check", lambda *args, **options: result)
+    monkeypatch.setattr(
+        "catfree.cli._check_command.write_check_page",
+        lambda out, result, outcome, footage, **options: pages.append(footage.camera_names),
+    )
+    words = ["check", *map(str, files), "--scene", str(tmp_path / "scene.json")]
+    words += ["--out", str(tmp_path / "page"), "--videos", *map(str, folders)]
+    assert cli.main(words) == 0
+    assert [list(names) for names in pages] == [list(seen)]
+    assert cli.main(words[:-1]) == 1
+    assert "There are 3 videos for 4 cameras" in capsys.readouterr().err
 
 
 def test_a_missing_scene_is_one_sentence(tmp_path, capsys):
