@@ -371,7 +371,7 @@ def _scenes(
     names: dict[str, Sequence[str] | None] = {}
     tasks: dict[Any, str] = {}
     for site in sites:
-        if site.name in scenes or site.name in failed or site.name in tasks.values():
+        if site.name in failed or site.name in tasks.values():
             continue
         try:
             if site.scene is None:
@@ -380,7 +380,13 @@ def _scenes(
             elif isinstance(site.scene, Scene):
                 scenes[site.name] = site.scene
             else:
-                scenes[site.name], names[site.name] = _read_scene(site.scene, site)
+                scene, names[site.name] = _read_scene(site.scene, site)
+                first = scenes.setdefault(site.name, scene)
+                if not np.array_equal(first.rig.centers, scene.rig.centers, equal_nan=True):
+                    raise InvalidInputError(
+                        f"The videos of {recording_name(site.name, site.date)} are not of the same "
+                        "cameras in the same order as those of its other dates. List them alike."
+                    )
         except CatFreeError as error:
             failed[site.name] = error
     if tasks:

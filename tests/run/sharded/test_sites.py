@@ -533,6 +533,22 @@ def test_cameras_of_a_scene_belong_to_the_videos_of_their_name(tmp_path):
     )
 
 
+@given(day=st.just(["b", "d", "a"]) | st.permutations("abcd").map(lambda names: names[:3]))
+def test_all_dates_of_a_site_list_the_same_cameras_in_one_order(tmp_path_factory, day):
+    folder = tmp_path_factory.mktemp("site")
+    scene = make_world("ring4", 0, frames=2, people=1).scene
+    path = write_scene_json(folder / "scene.json", scene, list("abcd"))
+    monday = Site("north", ("b.mp4", "d.mp4", "a.mp4"), "monday", scene=str(path))
+    recording = tuple(f"{name}.mp4" for name in day)
+    sites = [monday, dataclasses.replace(monday, date="tuesday", recording=recording)]
+    with ThreadPoolExecutor(1) as pool, pytest.raises(ShardError) as caught:
+        run_sites(sites, out=folder, executor=pool)
+    swapped = "The videos of north tuesday are not of the same cameras in the same order"
+    missing = "north monday"  # its files do not exist
+    alike = recording == monday.recording
+    assert (swapped not in str(caught.value)) == (missing in str(caught.value)) == alike
+
+
 def test_boxes_of_a_site_have_the_cameras_of_its_scene(folder, tmp_path, monkeypatch):
     plans = []
     monkeypatch.setattr(_sites, "run_shards", lambda plan, **_: plans.append(plan) or ())
