@@ -3,7 +3,7 @@
 import contextlib
 import multiprocessing
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     BrokenExecutor,
     Executor,
@@ -88,7 +88,8 @@ def run_shards(
     with executor_for(executor) as pool:
         tasks: dict[Future[Any], Shard] = {}
         for shard in plan:
-            task = pool.submit(
+            task = submitted(
+                pool,
                 run_shard,
                 shard,
                 scene=scenes[shard.site, shard.date],
@@ -126,6 +127,18 @@ def run_shards(
         message = (several if len(recordings) > 1 else "") + " ".join(reasons)
         raise ShardError(message, finished, reasons) from next(iter(failed.values()))
     return finished
+
+
+def submitted(
+    pool: Executor, function: Callable[..., Any], *arguments: Any, **options: Any
+) -> Future[Any]:
+    """Submit a task; in an executor whose processes died it has failed at once."""
+    try:
+        return pool.submit(function, *arguments, **options)
+    except BrokenExecutor as error:
+        task: Future[Any] = Future()
+        task.set_exception(error)
+        return task
 
 
 @contextlib.contextmanager

@@ -15,7 +15,7 @@ from jaxtyping import Int
 
 from catfree._run._input_checks import Recording, order_like
 from catfree._run._stages import calibrate_cameras
-from catfree._run.sharded._executors import error_of, executor_for, run_shards
+from catfree._run.sharded._executors import error_of, executor_for, run_shards, submitted
 from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._shard import (
@@ -375,7 +375,8 @@ def _scenes(
             continue
         try:
             if site.scene is None:
-                task = pool.submit(calibrate_site, site, os.path.abspath(out), settings, detector)
+                folder = os.path.abspath(out)
+                task = submitted(pool, calibrate_site, site, folder, settings, detector)
                 tasks[task] = site.name
             elif isinstance(site.scene, Scene):
                 scenes[site.name] = site.scene

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 
 import numpy as np
@@ -99,6 +100,21 @@ def test_a_failing_site_stops_no_other(cheap, tmp_path):
         )
     (table,) = caught.value.finished
     assert table.people == 4
+
+
+def test_shards_that_a_broken_pool_refuses_are_named_and_stop_no_other(cheap, tmp_path):
+    class Breaks(AtOnce):
+        """Takes the shards of one site, then loses its processes."""
+
+        def submit(self, task, /, shard, **options):
+            if shard.site == "south":
+                raise BrokenProcessPool("A child process terminated abruptly.")
+            return super().submit(task, shard, **options)
+
+    plan = [*named(cheap, "north"), *named(cheap, "south")]
+    with pytest.raises(ShardError, match=r"1 of 2 .* \d of 2 \(south\): its worker process died"):
+        cf.run_shards(plan, scene=SCENE, out=tmp_path, executor=Breaks())
+    assert cf.open_tracks(tmp_path / "site=north").people == 4
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import re
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from datetime import date
 from pathlib import Path
 
@@ -278,6 +278,16 @@ def test_a_detector_that_fails_stops_no_site_of_boxes(folder, executor, tmp_path
     while cause.__cause__ is not None:
         cause = cause.__cause__
     assert cause is Fails.failure
+
+
+def test_a_calibration_that_a_broken_pool_refuses_is_named(folder, tmp_path):
+    class Broken(ThreadPoolExecutor):
+        def submit(self, *_, **__):
+            raise BrokenExecutor
+
+    site = site_in(folder, scene=None)
+    with pytest.raises(ShardError, match="north: calibration: its worker process died"):
+        run_sites([site], out=tmp_path, executor=Broken())
 
 
 @pytest.mark.slow
