@@ -67,10 +67,9 @@ class Describer:
             vectors = np.asarray(as_float(answer))
         except InvalidInputError as error:
             raise InvalidInputError(f"{where} failed: {error}") from error
-        if not len(box):
-            is_matrix = vectors.ndim == 2 and not len(vectors)
-            return vectors if is_matrix else np.zeros((0, self.width or 0), vectors.dtype)
         width = vectors.shape[1] if self.width is None and vectors.ndim == 2 else self.width
+        if not len(box):
+            return np.zeros((0, width or 0), vectors.dtype)
         if vectors.shape != (len(box), width) or not width:
             raise InvalidInputError(
                 f"{where} returned {_kind(answer)} for {len(box)} boxes; it must return an array "

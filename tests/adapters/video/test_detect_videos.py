@@ -126,12 +126,12 @@ class Answers:
     fingerprint = "answers"
 
     def __init__(self, people=None, vectors=None):
-        self.people, self.vectors = people, vectors
+        self.people, self.vectors, self.nobody = people, vectors, np.zeros((0, 3))
 
     def __call__(self, image, box=None):
         if box is None:
             return self.people if (image[:, :, 0] > 200).any() else BrightSpot()(image)
-        return self.vectors if len(box) else np.zeros((0, 3))
+        return self.vectors if len(box) else self.nobody
 
 
 class Batch(Answers):
@@ -204,6 +204,8 @@ def test_all_rows_of_an_embedder_are_of_one_length():
     box = np.array([[0.0, 0, 1, 1]])
     assert describe(picture, box[:0], 0, 0).shape == (0, 3)
     assert describe(picture, box, 0, 1).shape == (1, 3)
+    assert describe(picture, box[:0], 0, 2).shape == (0, 3)
+    embedder.nobody = np.zeros((0, 0))
     assert describe(picture, box[:0], 0, 2).shape == (0, 3)
     embedder.vectors = None
     with pytest.raises(InvalidInputError, match="returned nothing"):
