@@ -28,7 +28,7 @@ from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.embedders._color_embedder import ColorEmbedder
-from catfree.adapters.files._camera_names import is_numbered, numbered_names
+from catfree.adapters.files._camera_names import distinct_names, is_numbered, numbered_names
 from catfree.adapters.protocols import (
     Detector,
     Embedder,
@@ -370,7 +370,8 @@ def run_boxes(
         silent = silent - np.pad(calibration.frame_offset[silent[:, 1], None], ((0, 0), (0, 1)))
     warnings += tiny_boxes(detections, settings.calibration)
     names = boxes.camera_names
-    names += numbered_names(scene.rig.camera_count)[len(names) :]
+    others = numbered_names(scene.rig.camera_count)[len(names) :]
+    names += tuple(distinct_names([*names, *others])[len(names) :])
     localization = localize_people(
         detections, scene, settings, silent, camera_names=names, cache=cache, progress=progress
     )

@@ -17,8 +17,9 @@ from catfree._run._input_checks import (
     tiny_boxes,
     without_offsets,
 )
+from catfree._run._result_folder import write_rig
 from catfree._run._run import run_boxes
-from catfree.adapters import SceneSource, SynchronizedVideos, write_scene_json
+from catfree.adapters import SceneSource, SynchronizedVideos, read_scene, write_scene_json
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.video import _video_sources
 from catfree.calibration import Refinement, remove_offsets
@@ -249,3 +250,14 @@ def test_warnings_of_boxes_name_cameras_as_the_user_does():
     boxes = CameraBoxes(seen, names, silent=np.array([[seen.frame[0], seen.camera[0]]]))
     with pytest.raises(InvalidInputError, match=f"camera {names[seen.camera[0]]!r} has no picture"):
         run_boxes(boxes, world.scene)
+
+
+@pytest.mark.parametrize("names", [("C1", "C3"), ("C3", "north"), ("north", "south")])
+def test_cameras_without_boxes_get_names_of_their_own(names, tmp_path):
+    """A camera is numbered by its place in the scene, where another may have this name."""
+    world = make_world(ring(3, image_size=(640, 360), people=3), frames=12, people=3)
+    boxes = CameraBoxes(world.detections[world.detections.camera < 2], names)
+    outcome = run_boxes(boxes, world.scene)
+    assert outcome.camera_names[:2] == names
+    write_rig(tmp_path, world.scene, outcome.camera_names)
+    assert read_scene(tmp_path / "scene.json")[1] == outcome.camera_names
