@@ -46,6 +46,7 @@ class Coverage(eqx.Module):
         sigma: (H, W) expected ground uncertainty (Eq. sigma with w = 1) in scene units; inf where
             fewer than two cameras see the cell.
         radius: length in scene units within which `accuracy` counts a position as right.
+        area: x_min, x_max, y_min, y_max of the outer edges of the cells.
     """
 
     x: Float[np.ndarray, " width"]
@@ -53,6 +54,7 @@ class Coverage(eqx.Module):
     visible: Bool[np.ndarray, "cam height width"]
     sigma: Float[np.ndarray, "height width"]
     radius: float
+    area: tuple[float, float, float, float]
 
     @property
     def cameras(self) -> Int[np.ndarray, "height width"]:
@@ -63,15 +65,6 @@ class Coverage(eqx.Module):
     def xy(self) -> Float[np.ndarray, "height width 2"]:
         """(H, W, 2) ground coordinates of the cell centers."""
         return np.stack(np.meshgrid(self.x, self.y), axis=-1)
-
-    @property
-    def area(self) -> tuple[float, float, float, float]:
-        """x_min, x_max, y_min, y_max of the outer edges of the cells."""
-        edges = []
-        for centers in (self.x, self.y):
-            half = (centers[1] - centers[0]) / 2 if len(centers) > 1 else self.radius / 2
-            edges += [float(centers[0] - half), float(centers[-1] + half)]
-        return edges[0], edges[1], edges[2], edges[3]
 
     @property
     def covered(self) -> float:
@@ -191,10 +184,8 @@ def coverage_of(
     x, y = _cell_centers(bounds[0], bounds[1], cell), _cell_centers(bounds[2], bounds[3], cell)
     places = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     visible, sigma = look(scene, active, places, sigma_theta, person_height)
-    shape = (len(y), len(x))
-    return Coverage(
-        x, y, visible.reshape(-1, *shape), sigma.reshape(shape), SUPPRESSION_RADIUS * extent
-    )
+    shape, radius = (len(y), len(x)), SUPPRESSION_RADIUS * extent
+    return Coverage(x, y, visible.reshape(-1, *shape), sigma.reshape(shape), radius, bounds)
 
 
 def _bounds(area: Area) -> tuple[float, float, float, float]:

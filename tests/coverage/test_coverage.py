@@ -240,14 +240,26 @@ def test_a_camera_at_the_same_place_matters_least():
 def test_accuracy_is_the_gaussian_mass_in_the_disc():
     rng = np.random.default_rng(0)
     sigma = np.array([[0.3, 1.0], [4.0, np.inf]])
-    one = Coverage(np.arange(2.0), np.arange(2.0), np.ones((2, 2, 2), bool), sigma, 0.5)
+    x = y = np.arange(2.0)
+    one = Coverage(x, y, np.ones((2, 2, 2), bool), sigma, 0.5, (-0.5, 1.5, -0.5, 1.5))
     inside = [
         (np.linalg.norm(s * rng.standard_normal((200_000, 2)), axis=-1) <= 0.5).mean()
         for s in (0.3, 1.0, 4.0)
     ]
     assert one.accuracy == pytest.approx(sum(inside) / 4, abs=2e-3)
     assert one.median_sigma == 4.0
-    assert one.area == (-0.5, 1.5, -0.5, 1.5)
+
+
+@pytest.mark.slow
+@settings(max_examples=8)
+@given(width=st.floats(0.05, 2), height=st.floats(0.05, 2), at=st.floats(-3, 3))
+def test_the_cells_fill_the_area_also_in_a_single_row_or_column(width, height, at):
+    area = (at, at + width, -at, height - at)
+    found = coverage(scene_of(0), area, resolution=0.5)
+    assert found.area == area
+    for centers, (low, high) in ((found.x, area[:2]), (found.y, area[2:])):
+        edges = low + (high - low) * np.linspace(0, 1, len(centers) + 1)
+        np.testing.assert_allclose(centers, (edges[1:] + edges[:-1]) / 2)
 
 
 @pytest.mark.slow

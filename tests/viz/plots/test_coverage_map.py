@@ -1,9 +1,11 @@
 """Coverage drawn as a map."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from catfree._coverage import Coverage, coverage
+from catfree._coverage import coverage
 from catfree.errors import InvalidInputError
 from catfree.synthetic import make_layout
 from catfree.viz.plots._coverage_map import iso_levels, plot_coverage
@@ -51,7 +53,7 @@ def test_tracks_are_drawn_over_the_map(world, localization):
 def test_a_map_without_any_coverage_can_be_drawn():
     scene = make_layout("ring4", 3).scene
     far = coverage(scene, (500.0, 520.0, 500.0, 520.0), resolution=5.0)
-    blind = Coverage(far.x, far.y, np.zeros_like(far.visible), np.full_like(far.sigma, np.inf), 0.4)
+    blind = replace(far, visible=np.zeros_like(far.visible), sigma=np.full_like(far.sigma, np.inf))
     assert blind.accuracy == 0
     plot_coverage(blind, scene).figure.canvas.draw()
     with pytest.raises(InvalidInputError, match="quantity"):
