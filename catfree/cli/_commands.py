@@ -377,6 +377,11 @@ def calibrate(
     known_anchors, of_boxes = open_anchors(anchors), are_boxes(videos)
     if not of_boxes:
         require_files(videos, detector=detector)
+    elif detector is not None or stride != 1 or offsets is not None or keep_before_damage:
+        raise InvalidInputError(
+            f"{videos[0]} is read as boxes, so that --detector, --stride, --offsets and "
+            "--keep-before-damage have nothing to do. Leave them out."
+        )
     require_offset(max_offset)
     from catfree._run._cache import StageCache
     from catfree._run._input_checks import (

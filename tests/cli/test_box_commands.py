@@ -168,6 +168,22 @@ def test_mistakes_are_one_sentence(world, boxes, tmp_path, capsys):
     assert "which are not all among them" in sentence_after_table(capsys)
 
 
+@pytest.mark.parametrize(
+    "option",
+    [
+        ["--detector", "n.onnx"],
+        ["--stride", "2"],
+        ["--offsets", "0", "1"],
+        ["--keep-before-damage"],
+    ],
+)
+def test_options_of_videos_are_refused_with_boxes(option, boxes, tmp_path, capsys):
+    words = ["calibrate", str(boxes / "north.txt"), str(boxes / "east.txt"), *option]
+    assert cli.main([*words, "--out", str(tmp_path / "out")]) == 1
+    assert "is read as boxes, so that --detector, --stride, --offsets" in sentence(capsys)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_benchmark_is_scored_by_its_protocol(tmp_path, capsys):
     folder = tmp_path / "annotations_positions"
     folder.mkdir()
