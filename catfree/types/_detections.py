@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import equinox as eqx
@@ -323,6 +324,18 @@ class Detections(eqx.Module):
         with naming_file(path):
             # Files of versions 0.1 and 0.2 have no clock.
             return cls(**arrays | {"clock": clock_from_array(arrays.get("clock"))})
+
+
+def concatenate_common(parts: Sequence[Detections]) -> Detections:
+    """Join detections, keeping the columns that all detections with rows have.
+
+    Raises:
+        InvalidInputError: if embeddings have different lengths.
+    """
+    full = [part for part in parts if len(part)]
+    lacking = {name for part in full for name, value in vars(part).items() if value is None}
+    lacking.discard("clock")
+    return Detections.concatenate([replace(part, **dict.fromkeys(lacking)) for part in parts])
 
 
 def require_pandas() -> Any:

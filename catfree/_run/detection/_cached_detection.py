@@ -29,6 +29,7 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, join_descriptions
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
+from catfree.types._detections import concatenate_common
 from catfree.types._sampling import rows_of_picture
 
 # Instants per piece. A network on a CPU needs about a minute for six cameras: the most that a kill
@@ -211,14 +212,7 @@ def _complete(
 def _join(pieces: Sequence[_Piece], videos: SynchronizedVideos) -> Detections:
     if not pieces:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
-    # Empty pieces do not tell whether there are poses, or how long embeddings are.
-    peopled = [piece for piece in pieces if piece.boxes is not None and len(piece.boxes)]
-    peopled = peopled or list(pieces[:1])
-    columns: dict[str, Any] = {}
-    for name in ("frame", "camera", "box", "score", "ankles_confirmed", "keypoints"):
-        values = [getattr(piece.boxes, name) for piece in peopled]
-        complete = all(value is not None for value in values)
-        columns[name] = np.concatenate(values) if complete else None
-    looks = [piece.looks.embedding for piece in peopled if piece.looks is not None]
-    columns["embedding"] = join_descriptions(looks) if len(looks) == len(peopled) else None
-    return Detections(**columns, clock=videos.clock)
+    boxes = concatenate_common([piece.boxes for piece in pieces if piece.boxes is not None])
+    looks = [piece.looks.embedding for piece in pieces if piece.looks is not None]
+    embedding = join_descriptions(looks) if looks else None
+    return replace(boxes, embedding=embedding, clock=videos.clock)

@@ -1,8 +1,9 @@
 """Give each person one identity over all shards of a recording."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import jax
 import numpy as np
 from jaxtyping import Int
 from scipy.sparse import coo_array
@@ -104,12 +105,14 @@ def _merge(table: Fragments, person: Int[np.ndarray, " k"]) -> Fragments:
 
 def _concatenate(fragments: Sequence[Fragments]) -> Fragments:
     """The fragments of all shards in one table, without halves."""
-    names = [name for name in vars(fragments[0]) if name != "halves"]
-    columns = {name: [getattr(part, name) for part in fragments] for name in names}
     width = max(part.looks.shape[1] for part in fragments)
     # Without any box, a shard does not know how long an embedding is.
-    columns["looks"] = [
-        looks if looks.shape[1] == width else np.zeros((len(looks), width))
-        for looks in columns["looks"]
+    parts = [
+        replace(
+            part,
+            looks=part.looks if part.looks.shape[1] == width else np.zeros((len(part), width)),
+            halves=None,
+        )
+        for part in fragments
     ]
-    return Fragments(**{name: np.concatenate(values) for name, values in columns.items()})
+    return jax.tree.map(lambda *columns: np.concatenate(columns), *parts)

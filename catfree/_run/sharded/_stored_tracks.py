@@ -2,10 +2,11 @@
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from catfree._run.sharded._receipt import MANIFEST, MANIFEST_SCHEMA, require_scene_file
@@ -94,15 +95,10 @@ class StoredTracks:
         return read_tracks_parquet(part.path, self.scene.ground)
 
     def _concatenate(self, parts: Iterator[Tracks]) -> Tracks:
-        tables = [vars(part) for part in parts if len(part)]
-        if not tables:
+        full = [replace(part, clock=self.clock) for part in parts if len(part)]
+        if not full:
             return self._read(self.parts[0])[:0]
-        columns: dict[str, Any] = {"clock": self.clock}
-        for name, value in tables[0].items():
-            if name != "clock":
-                whole = value is not None
-                columns[name] = np.concatenate([t[name] for t in tables]) if whole else None
-        return Tracks(**columns)
+        return jax.tree.map(lambda *columns: np.concatenate(columns), *full)
 
 
 def open_tracks(out: StrPath) -> StoredTracks:

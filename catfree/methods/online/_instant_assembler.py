@@ -7,8 +7,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from catfree.errors import InvalidInputError
-from catfree.methods.online._common_columns import concatenate_common
 from catfree.types import Detections
+from catfree.types._detections import concatenate_common
 from catfree.types._validation import (
     as_count,
     as_duration,

@@ -14,7 +14,6 @@ from catfree.geometry._plane import from_plan
 from catfree.methods._localize import localize, usable
 from catfree.methods.evidence.observe._boxes import float_width_of
 from catfree.methods.online._advance import advance
-from catfree.methods.online._common_columns import concatenate_common
 from catfree.methods.online._finalize import (
     Reported,
     finalize,
@@ -33,6 +32,7 @@ from catfree.methods.online._update import Update
 from catfree.settings import Settings
 from catfree.types import Clock, Detections, Origin, Scene, Tracks
 from catfree.types._clock import ABSOLUTE
+from catfree.types._detections import concatenate_common
 from catfree.types._processes import require_own_process
 from catfree.types._scene import require_scene
 from catfree.types._validation import (
