@@ -9,8 +9,6 @@ from catfree._coverage._camera_ranking import (
     CameraGain as CameraGain,
     CameraRanking as CameraRanking,
     camera_gain as camera_gain,
-    coverage_with as coverage_with,
-    coverage_without as coverage_without,
     rank_cameras as rank_cameras,
 )
 from catfree._coverage._expected_sigma import (

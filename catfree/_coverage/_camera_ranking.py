@@ -15,7 +15,6 @@ from catfree._coverage._expected_sigma import (
     visible_area,
 )
 from catfree.errors import DegenerateGeometryError, InvalidInputError
-from catfree.geometry._arrays import ArrayInput
 from catfree.types import Lens, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
 from catfree.types._scene import require_scene
@@ -77,78 +76,6 @@ class CameraGain(eqx.Module):
         )
 
 
-def coverage_without(
-    scene: Scene, camera: int, area: Area | None = None, **options: Unpack[CoverageOptions]
-) -> Coverage:
-    """Compute the coverage if one camera fails.
-
-    Args:
-        scene: cameras, ground and extent.
-        camera: index of the camera to leave out.
-        area: as in `coverage`; None for the area of the whole rig, so that maps can be compared.
-        **options: the other options of `coverage`.
-
-    Returns:
-        Coverage of the remaining cameras; `visible` is false for the camera left out.
-
-    Raises:
-        InvalidInputError: if the rig has no camera of this index.
-    """
-    count = scene.rig.camera_count
-    if not 0 <= camera < count:
-        raise InvalidInputError(
-            f"There is no camera {camera}; the rig has cameras 0 to {count - 1}."
-        )
-    active = np.asarray(scene.rig.registered) & (np.arange(count) != camera)
-    return coverage_of(scene, active, area, **options)
-
-
-def coverage_with(
-    scene: Scene,
-    K: Float[HostOrDevice, "3 3"],
-    R: Float[HostOrDevice, "3 3"],
-    t: Float[HostOrDevice, "3"],
-    image_size: ArrayInput,
-    area: Area | None = None,
-    **options: Unpack[CoverageOptions],
-) -> Coverage:
-    """Compute the coverage with one more camera.
-
-    Args:
-        scene: cameras, ground and extent.
-        K: (3, 3) intrinsics of the new camera in pixels.
-        R: (3, 3) its world-to-camera rotation.
-        t: (3,) its world-to-camera translation in scene units.
-        image_size: (2,) its width and height in pixels.
-        area: as in `coverage`; None for the area of the present rig, so that maps can be compared.
-        **options: the other options of `coverage`.
-
-    Returns:
-        Coverage whose last camera is the new one.
-    """
-    rig = scene.rig
-
-    def append(values: Any, more: Any) -> np.ndarray:
-        return np.concatenate([np.asarray(values, np.float64), np.asarray(more, np.float64)[None]])
-
-    lens = rig.distortion
-    lens = None if lens is None else append(lens, np.zeros(lens.shape[1]))
-    larger = Rig(
-        append(rig.K, K),
-        append(rig.R, R),
-        append(rig.t, t),
-        append(rig.image_size, image_size),
-        lens,
-        np.append(rig.registered, True),
-        np.append(rig.lenses, Lens.PINHOLE),
-        None if rig.rays is None else append(rig.rays, rig.rays[0]),
-    )
-    area = visible_area(scene) if area is None else area
-    ground = Plane(np.asarray(scene.ground.normal, np.float64), np.float64(scene.ground.offset))
-    extent = np.float64(scene.extent)
-    return coverage(Scene(larger, ground, extent, scene.metric), area, **options)
-
-
 def camera_gain(
     scene: Scene,
     center: Float[HostOrDevice, "3"],
@@ -189,15 +116,8 @@ def camera_gain(
         )
     center, target = as_finite(center, (3,), "center"), as_finite(target, (3,), "target")
     rotation = _upright(center, target, np.asarray(scene.ground.normal, np.float64))
-    after = coverage_with(
-        scene,
-        np.asarray(scene.rig.K, np.float64)[like],
-        rotation,
-        -rotation @ np.asarray(center, np.float64),
-        scene.rig.image_size[like],
-        area,
-        **options,
-    )
+    larger = _with_camera(scene, like, rotation, -rotation @ center)
+    after = coverage(larger, area, **options)
     return CameraGain(before=coverage(scene, area, **options), after=after)
 
 
@@ -219,8 +139,10 @@ def rank_cameras(
     """
     require_scene(scene)
     area = visible_area(scene) if area is None else area
-    cameras = np.flatnonzero(scene.rig.registered)
-    without = [coverage_without(scene, int(camera), area, **options) for camera in cameras]
+    registered = np.asarray(scene.rig.registered)
+    cameras = np.flatnonzero(registered)
+    others = [registered & (np.arange(len(registered)) != camera) for camera in cameras]
+    without = [coverage_of(scene, active, area, **options) for active in others]
     accuracy_without = np.array([reduced.accuracy for reduced in without])
     order = np.argsort(-accuracy_without, kind="stable")
     return CameraRanking(
@@ -230,6 +152,29 @@ def rank_cameras(
         covered_without=np.array([reduced.covered for reduced in without])[order],
         median_sigma_without=np.array([reduced.median_sigma for reduced in without])[order],
     )
+
+
+def _with_camera(
+    scene: Scene, like: int, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> Scene:
+    """Add a camera without lens distortion that is otherwise like another one."""
+
+    def append(values: Any, more: Any) -> np.ndarray:
+        return np.concatenate([np.asarray(values, np.float64), np.asarray(more, np.float64)[None]])
+
+    rig, lens = scene.rig, scene.rig.distortion
+    larger = Rig(
+        append(rig.K, rig.K[like]),
+        append(rig.R, R),
+        append(rig.t, t),
+        append(rig.image_size, rig.image_size[like]),
+        None if lens is None else append(lens, np.zeros(lens.shape[1])),
+        np.append(rig.registered, True),
+        np.append(rig.lenses, Lens.PINHOLE),
+        None if rig.rays is None else append(rig.rays, rig.rays[0]),
+    )
+    ground = Plane(np.asarray(scene.ground.normal, np.float64), np.float64(scene.ground.offset))
+    return Scene(larger, ground, np.float64(scene.extent), scene.metric)
 
 
 def _upright(center: Any, target: Any, up: np.ndarray) -> Float[np.ndarray, "3 3"]:
