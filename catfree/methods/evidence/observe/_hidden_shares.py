@@ -31,16 +31,16 @@ def hidden_shares(
         (n,) shares in [0, 1].
     """
     left, top, right, bottom = box.T
-    bottoms = np.append(bottom, -np.inf)[table]
+    lowest = np.append(bottom, -np.inf)  # the last for slots without a box
     shares = np.zeros(len(region))
     at_a_time = max(1, BOXES_AT_A_TIME // table.shape[2])
     steps = (np.arange(COLUMNS) + 0.5) / COLUMNS
     for first in range(0, len(region), at_a_time):
         part = slice(first, first + at_a_time)
         x1, y1, x2, y2 = region[part].T
-        picture = frame[part], camera[part]
-        row, slot = np.nonzero(bottoms[picture] > y2[:, None])
-        near = table[picture][row, slot]
+        slots = table[frame[part], camera[part]]
+        row, slot = np.nonzero(lowest[slots] > y2[:, None])
+        near = slots[row, slot]
         overlap = (top[near] < y2[row]) & (left[near] <= x2[row]) & (right[near] >= x1[row])
         overlap &= near != own_box[part][row]
         row, near = row[overlap], near[overlap]
