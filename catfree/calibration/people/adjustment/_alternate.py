@@ -16,7 +16,6 @@ from catfree.calibration.people.adjustment._people_bundle import (
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import People, RigState, group_people
 from catfree.calibration.people.matching._verdict import PlacementVerdict
-from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
@@ -72,7 +71,7 @@ def measure_people(
     return data, np.column_stack([ground.xy[time, slot], ground.height[time, slot]])
 
 
-def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> AdjustedRig:
+def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> AdjustedRig | None:
     """Group people and adjust the rig, once per range error, the largest first.
 
     All cameras have one focal length, unless one per camera saves enough.
@@ -83,10 +82,7 @@ def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> 
         settings: constants.
 
     Returns:
-        The adjusted rig.
-
-    Raises:
-        CalibrationError: if no person is seen by two cameras.
+        The adjusted rig; None if no person is seen by two cameras.
     """
     middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
     bundle, is_shared = None, True
@@ -115,8 +111,5 @@ def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> 
         is_shared = not saves(shared, separate, settings.free_focal_gain)
         bundle, state = adjusted[0 if is_shared else 1]
     if bundle is None:
-        cameras = ", ".join(str(c) for c in np.flatnonzero(state.placed))
-        raise CalibrationError(
-            f"Cameras {cameras} cannot be adjusted together: no person is seen by two of them."
-        )
+        return None
     return AdjustedRig(state, bundle, is_shared)

@@ -47,29 +47,33 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
                 state = state.with_camera(int(camera), best[0])
         if state is rig.state:
             break
-        grown = prune_rig(work, alternate(work.grid, state, work.settings))
-        if grown.quality[0] <= rig.quality[0]:
+        grown = fit_rig(work, state)
+        if grown is None or grown.quality[0] <= rig.quality[0]:
             break
         rig = grown
     return rig
 
 
-def prune_rig(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
-    """Remove cameras that the others do not support, worst first.
+def fit_rig(work: Workspace, state: RigState) -> AdjustedRig | None:
+    """Adjust a rig and remove cameras that the others do not support, worst first.
 
     Args:
         work: the sequence.
-        rig: the rig after adjustment.
+        state: the rig before adjustment.
 
     Returns:
-        The rig of the remaining cameras with their verdicts; at least two remain.
+        The rig of the remaining cameras with their verdicts; at least two remain. None if no two of
+        them see the same people.
     """
     while True:
+        rig = alternate(work.grid, state, work.settings)
+        if rig is None:
+            return None
         verdicts = judge_cameras(work, rig.state)
         worst = weakest(verdicts)
         if worst is None:
             return replace(rig, verdicts=verdicts)
-        rig = alternate(work.grid, rig.state.without_camera(worst), work.settings)
+        state = rig.state.without_camera(worst)
 
 
 def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
@@ -91,10 +95,9 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):
-            state = rig.state.without_camera(camera)
-            less = prune_rig(work, alternate(work.grid, state, work.settings))
+            less = fit_rig(work, rig.state.without_camera(camera))
             others = sum(v.margin for c, v in verdicts.items() if c != camera)
-            if less.quality[1] > HARMFUL_GAIN * others:
+            if less is not None and less.quality[1] > HARMFUL_GAIN * others:
                 rig = less
                 break
         else:

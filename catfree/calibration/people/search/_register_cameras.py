@@ -2,10 +2,10 @@
 
 from itertools import combinations
 
-from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
+from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._camera_pairs import PairHypothesis, search_pair
-from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
+from catfree.calibration.people.search._growth import drop_harmful, fit_rig, grow_rig
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
 
@@ -60,17 +60,8 @@ def _grow_pairs(
             break
         if any(rig.state.placed[list(pair.cameras)].all() for rig in grown):
             continue
-        rig = _adjusted(work, pair)
-        if rig is not None:
+        rig = fit_rig(work, pair.state)
+        if rig is not None and rig.quality[0]:
             grown.append(grow_rig(work, rig, pairs))
     report("growth", len(pairs), len(pairs))
     return max(grown, key=lambda rig: rig.quality, default=None)
-
-
-def _adjusted(work: Workspace, pair: PairHypothesis) -> AdjustedRig | None:
-    """Adjust a pair; None if its cameras do not see the same people."""
-    try:
-        rig = prune_rig(work, alternate(work.grid, pair.state, work.settings))
-    except CalibrationError:
-        return None
-    return rig if rig.quality[0] else None

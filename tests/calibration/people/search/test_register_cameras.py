@@ -3,59 +3,11 @@
 from itertools import combinations
 from unittest import mock
 
-import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people._radial_lens import RadialLenses
-from catfree.calibration.people.adjustment._alternate import AdjustedRig
-from catfree.calibration.people.adjustment._people_bundle import BundleResult
-from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
-from catfree.calibration.people.matching._group_people import RigState
-from catfree.calibration.people.matching._mutual_nearest import Judgment
-from catfree.calibration.people.matching._verdict import PlacementVerdict
-from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search import _register_cameras
 from catfree.calibration.people.search._camera_pairs import PairHypothesis
-from catfree.settings import CalibrationSettings
-
-CAMERAS = 6
-SHAPE = (CAMERAS, 1, 1)
-NOBODY = BoxGrid(
-    np.zeros((*SHAPE, 3)),
-    np.ones(SHAPE),
-    np.zeros(SHAPE, bool),
-    np.full((CAMERAS, 2), 1000),
-    np.zeros(1, np.int64),
-)
-WORK = Workspace(
-    NOBODY, CalibrationSettings(), RadialLenses(np.full(CAMERAS, 1000.0), np.zeros(CAMERAS))
-)
-
-
-def state_of(cameras):
-    parameters = np.full((CAMERAS, 7), np.nan)
-    parameters[list(cameras)] = 0.0
-    return RigState(parameters, RANGE_ERRORS[0])
-
-
-def rig_of(cameras):
-    """A rig in which every camera is trusted."""
-    state = state_of(cameras)
-    zeros = np.zeros(CAMERAS)
-    bundle = BundleResult(
-        state.parameters,
-        np.zeros((0, 3)),
-        0.0,
-        0.0,
-        zeros,
-        zeros.astype(np.int64),
-        np.zeros((7 * CAMERAS + 1, 7 * CAMERAS + 1)),
-        zeros,
-        zeros,
-    )
-    verdict = PlacementVerdict(Judgment(100.0, 1.0, 50), 100.0, ())
-    return AdjustedRig(state, bundle, True, dict.fromkeys(cameras, verdict))
+from tests.calibration.people.search.rigs_without_boxes import CAMERAS, WORK, rig_of, state_of
 
 
 @given(
@@ -72,16 +24,16 @@ def test_one_pair_begins_a_rig_at_each_site_and_the_largest_rig_is_returned(site
     pairs.sort(key=lambda pair: -pair.margin)
     begun = []
 
-    def adjusted(_, pair):
-        begun.append(pair)
-        return rig_of(pair.cameras)
+    def fitted(_, state):
+        begun.append(next(pair for pair in pairs if pair.state is state))
+        return rig_of(begun[-1].cameras)
 
     def grown(_, rig, __):
         of = site[min(rig.verdicts)]
         return rig_of([camera for camera in range(CAMERAS) if site[camera] == of])
 
     with (
-        mock.patch.object(_register_cameras, "_adjusted", adjusted),
+        mock.patch.object(_register_cameras, "fit_rig", fitted),
         mock.patch.object(_register_cameras, "grow_rig", grown),
     ):
         best = _register_cameras._grow_pairs(WORK, pairs, lambda *_: None)
