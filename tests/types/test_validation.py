@@ -58,6 +58,9 @@ calls = {
     "calibrate, nothing": lambda: cf.calibrate(None, (1920, 1080)),
     "calibrate, a name": lambda: cf.calibrate(people, (1920, 1080), "paper"),
     "calibrate, no list of anchors": lambda: cf.calibrate(people, (1920, 1080), anchors=5),
+    "calibrate, an iterator of anchors": lambda: cf.calibrate(
+        people, (1920, 1080), anchors=iter([cf.KnownCamera(0, height=3.0)])
+    ),
     "check, no localization": lambda: cf.check(scene, people, localization=5),
     "refine, swapped": lambda: cf.refine(scene, people),
     "refine, no refinement": lambda: cf.refine(people, scene, refinement=5),
@@ -122,6 +125,7 @@ named = NamedRig(rig, tuple("abcd"))
 boxes = lambda frames: cf.Detections(frames, [0, 1], [[0, 0, 9, 9.0]] * 2)
 none = cf.Detections([], [], [])
 calls = {
+    "finite numbers of shape (2,) or (3,)": lambda: cf.KnownCamera(0, position=((1,), (2, 3))),
     "stride[0] is": lambda: open_(stride=[1.5]),
     "stride is 1.5": lambda: open_(stride=1.5),
     "stride must be one whole number": lambda: open_(stride=[1]),

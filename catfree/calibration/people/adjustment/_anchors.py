@@ -1,7 +1,7 @@
 """Anchors: what is known about a site from elsewhere, each with its standard deviation."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
@@ -41,7 +41,7 @@ class KnownDistance:
         Raises:
             InvalidInputError: if a value is missing, not finite or not positive.
         """
-        pixels = _numbers(self.pixels, (2, 2), "pixels of a KnownDistance")
+        pixels = _numbers(self.pixels, "pixels of a KnownDistance", (2, 2))
         if (pixels[0] == pixels[1]).all():
             raise InvalidInputError("The two pixels of a KnownDistance are the same point.")
         for name in ("meters", "sd", "pixel_sd"):
@@ -93,11 +93,11 @@ class KnownCamera:
         for name in ("height", "focal", "height_sd", "focal_sd", "position_sd", "rotation_sd"):
             if getattr(self, name) is not None:
                 as_positive(getattr(self, name), f"{name} of a KnownCamera")
-        if self.position is not None and np.shape(self.position) != (3,):
-            _numbers(self.position, (2,), "position of a KnownCamera")
+        if self.position is not None:
+            _numbers(self.position, "position of a KnownCamera", (2,), (3,))
         _require_place(self)
         if self.rotation is not None:
-            R = _numbers(self.rotation, (3, 3), "rotation of a KnownCamera")
+            R = _numbers(self.rotation, "rotation of a KnownCamera", (3, 3))
             large = np.abs(R).max() > 2  # whose products may overflow
             if large or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
                 raise InvalidInputError("rotation of a KnownCamera must be a rotation matrix.")
@@ -131,9 +131,9 @@ class SurveyedPoint:
         Raises:
             InvalidInputError: if a value is missing or invalid.
         """
-        _numbers(self.pixel, (2,), "pixel of a SurveyedPoint")
+        _numbers(self.pixel, "pixel of a SurveyedPoint", (2,))
         if self.position is not None:
-            _numbers(self.position, (2,), "position of a SurveyedPoint")
+            _numbers(self.position, "position of a SurveyedPoint", (2,))
         _require_place(self)
         if self.position is None and self.longitude is None:
             raise InvalidInputError(
@@ -259,9 +259,10 @@ def resolve_anchors(
             the map are too few, mixed with longitudes and latitudes, or too far away.
     """
     cameras = len(image_size)
-    if not isinstance(anchors, Iterable):
+    if not isinstance(anchors, Sequence):
         raise InvalidInputError(
-            f"anchors must be a list, got {type(anchors).__name__}. Put one anchor into brackets."
+            f"anchors must be a list, got {type(anchors).__name__}. Put them into brackets, even "
+            "one."
         )
     index = []
     for anchor in anchors:
@@ -325,23 +326,22 @@ def _require_place(anchor: KnownCamera | SurveyedPoint) -> None:
     if (longitude is None) != (latitude is None):
         raise InvalidInputError(f"A {kind} needs longitude and latitude, or neither.")
     if longitude is not None and latitude is not None:
-        _numbers((longitude, latitude), (2,), f"longitude and latitude of a {kind}")
+        _numbers((longitude, latitude), f"longitude and latitude of a {kind}", (2,))
         GeoReference(longitude, latitude)
         if position is not None:
             raise InvalidInputError(
                 f"A {kind} has a position or a longitude and latitude, not both."
             )
-    if position is not None:
-        _numbers(position, np.shape(position), f"position of a {kind}")
 
 
-def _numbers(values: object, shape: tuple[int, ...], name: str) -> Float[np.ndarray, "..."]:
+def _numbers(values: object, name: str, *shapes: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     try:
         array = np.asarray(values)
     except ValueError:  # lists of different lengths
         array = np.array(None)
-    if array.dtype.kind not in "fiu" or array.shape != shape or not np.isfinite(array).all():
+    if array.dtype.kind not in "fiu" or array.shape not in shapes or not np.isfinite(array).all():
+        expected = " or ".join(map(str, shapes))
         raise InvalidInputError(
-            f"{name} must be finite numbers of shape {shape}, got {quoted(values)}."
+            f"{name} must be finite numbers of shape {expected}, got {quoted(values)}."
         )
     return array.astype(np.float64)

@@ -36,9 +36,14 @@ def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detectio
 
     Returns:
         (N,) the same boxes with corrected frame numbers.
+
+    Raises:
+        InvalidInputError: if an offset is not a whole number, or a camera with boxes has none.
     """
-    frame = detections.frame - np.asarray(frame_offset, np.int64)[detections.camera]
-    return replace(detections, frame=frame)
+    offset = as_integer(frame_offset, "frame_offset")
+    require_shape(offset, (None,), "frame_offset")
+    require_known_cameras(detections.camera, len(offset))
+    return replace(detections, frame=detections.frame - offset[detections.camera])
 
 
 def find_offsets(

@@ -23,6 +23,8 @@ ENDS = ((640.0, 500.0), (810.0, 505.0))
         (cf.KnownCamera, {"height": 0.0}, "positive"),
         (cf.KnownCamera, {"height": math.inf}, "positive"),
         (cf.KnownCamera, {"longitude": 8.0}, "longitude and latitude, or neither"),
+        (cf.KnownCamera, {"position": (1.0, 2.0, np.nan)}, "finite"),
+        (cf.KnownCamera, {"position": (1.0, 2.0, 3.0, 4.0)}, r"shape \(2,\) or \(3,\)"),
         (cf.KnownCamera, {"rotation": ((1.0, 0.0, 0.0),) * 3}, "rotation matrix"),
         (cf.SurveyedPoint, {"pixel": ENDS[0]}, "needs a position"),
         (
