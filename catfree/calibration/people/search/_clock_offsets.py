@@ -17,11 +17,12 @@ from catfree.calibration.people.matching._placement import vote
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._growth import judge_refined
 from catfree.calibration.people.search._register_cameras import register_cameras
-from catfree.errors import CalibrationError
+from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.types import Detections
 from catfree.types._annotations import Progress
 from catfree.types._sampling import frame_step
+from catfree.types._validation import as_integer, require_shape
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
 CLIMB = 2  # shifts tried on either side of the best
@@ -42,7 +43,11 @@ def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detectio
     """
     offset = as_integer(frame_offset, "frame_offset")
     require_shape(offset, (None,), "frame_offset")
-    require_known_cameras(detections.camera, len(offset))
+    cameras = int(detections.camera.max(initial=-1)) + 1
+    if len(offset) < cameras:
+        raise InvalidInputError(
+            f"frame_offset has {len(offset)} entries, but there are boxes of {cameras} cameras."
+        )
     return replace(detections, frame=detections.frame - offset[detections.camera])
 
 
