@@ -26,6 +26,7 @@ from catfree.types.results._reconstruction import Reconstruction
 
 REALIGNMENTS = 5  # rounds of alignment and averaging; two or three suffice to converge
 MAXIMUM_POINTS = 200_000  # points kept of the merged cloud, evenly sampled
+ROUNDING = 1e-6  # of single-precision centers, relative to their distance from the origin
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def aggregate(reconstructions: Sequence[Reconstruction], image_size: ArrayInput)
 
     Raises:
         InvalidInputError: if the reconstructions have different numbers of cameras.
-        InsufficientDataError: if there is no reconstruction with two registered cameras.
+        InsufficientDataError: if no reconstruction has two registered cameras at different places.
     """
     if not reconstructions:
         raise InsufficientDataError("There are no reconstructions to aggregate; pass at least one.")
@@ -94,10 +95,10 @@ def aggregate(reconstructions: Sequence[Reconstruction], image_size: ArrayInput)
             f"Reconstruction {at} has {counts[at]} cameras, but reconstruction 0 has {counts[0]}."
         )
     poses = _poses(reconstructions)
-    if (poses.known.sum(axis=1) < 2).all():
+    if not _have_extent(poses).any():
         raise InsufficientDataError(
-            f"None of the {len(reconstructions)} reconstructions registers two cameras; a rig "
-            "needs at least two."
+            f"None of the {len(reconstructions)} reconstructions registers two cameras at "
+            "different places; a rig needs at least two."
         )
     gauges = align(poses, central_instant(poses))
     inliers = np.isfinite(gauges.scale)
@@ -131,6 +132,14 @@ def _poses(reconstructions: Sequence[Reconstruction]) -> Poses:
     t = np.stack([reconstruction.t for reconstruction in reconstructions]).astype(np.float64)
     known = np.stack([reconstruction.registered for reconstruction in reconstructions])
     return Poses(R, -np.einsum("ncji,ncj->nci", R, t), known)
+
+
+def _have_extent(poses: Poses) -> Bool[np.ndarray, " n"]:
+    """Mark the instants of which two known cameras are at different places."""
+    first = poses.center[np.arange(len(poses.center)), poses.known.argmax(axis=1)]
+    away = np.linalg.norm(poses.center - first[:, None], axis=-1)
+    apart = away > ROUNDING * np.linalg.norm(poses.center, axis=-1)
+    return np.asarray((poses.known & apart).any(axis=1))
 
 
 def _average_intrinsics(K: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -165,6 +165,20 @@ def test_what_cannot_be_aggregated_is_refused():
         aggregate([reconstruct(rig, rng, registered=np.eye(4, dtype=bool)[0])], rig.image_size)
 
 
+@given(seed=seeds, count=st.integers(1, 4))
+@settings(max_examples=8)
+def test_cameras_that_share_one_center_are_refused(seed, count):
+    rig, rng = make_layout("ring4", 0).rig, np.random.default_rng(seed)
+    center = np.zeros((4, 3)) if seed % 2 else np.tile(rng.normal(size=3), (4, 1))
+    instants = []
+    for _ in range(count):
+        one = reconstruct(rig, rng)
+        t = -np.einsum("cij,cj->ci", one.R, center)
+        instants.append(Reconstruction(one.K, one.R, t, one.points, one.confidence))
+    with pytest.raises(InsufficientDataError, match="two cameras at different places"):
+        aggregate(instants, rig.image_size)
+
+
 @given(seed=seeds, count=st.integers(3, 12))
 @settings(max_examples=15)
 def test_medians_minimise_the_sum_of_distances(seed, count):
