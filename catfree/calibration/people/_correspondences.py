@@ -33,6 +33,7 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
+from catfree.types._validation import as_float, as_integer, require_shape
 
 FEWEST_PEOPLE = 20
 SMALLEST_SD = 2.0  # pixels; lower bound for the error of a box edge
@@ -55,7 +56,7 @@ def refine_with_correspondences(
     """Adjust a pedestrian rig to given groups of boxes.
 
     Args:
-        calibration: the rig; unregistered cameras stay unregistered.
+        calibration: the rig, without anchors; unregistered cameras stay unregistered.
         detections: (N,) boxes.
         members: (H, C) row of the detections in each camera for each person and frame, or -1; rows
             with fewer than two registered cameras are omitted. Use only certain groups: wrong
@@ -72,18 +73,20 @@ def refine_with_correspondences(
         evidence is that of the given rig.
 
     Raises:
-        InvalidInputError: if shapes do not match.
+        InvalidInputError: if anchors were fitted to the rig, if shapes do not match, or if members
+            are not whole numbers.
         InsufficientDataError: if too few people are seen by two registered cameras.
     """
     settings = CalibrationSettings() if settings is None else settings
+    if calibration.anchors:
+        raise InvalidInputError(
+            "The calibration was fitted to anchors, which people alone would undo. Refine it "
+            "first, and fit it to the anchors afterwards."
+        )
     rig = calibration.scene.rig
     registered = np.asarray(rig.registered)
-    members = np.asarray(members)
-    if members.ndim != 2 or members.shape[1] != len(registered):
-        raise InvalidInputError(
-            f"members must have shape (H, {len(registered)}), one column per camera, got "
-            f"{members.shape}."
-        )
+    members = as_integer(members, "members")
+    require_shape(members, (None, len(registered)), "members")
     members = np.where(registered, members, -1)
     members = members[(members >= 0).sum(1) >= 2]
     if len(members) < FEWEST_PEOPLE:
@@ -98,7 +101,9 @@ def refine_with_correspondences(
         sd = edge_deviation(box[:, 2] - box[:, 1], settings.relative_sd, settings.pixel_sd)
         sd = np.repeat(sd[:, None], 3, axis=1)
     else:
-        sd = np.asarray(box_sd, np.float64)[row]
+        sd = np.asarray(as_float(box_sd), np.float64)
+        require_shape(sd, (len(detections), 3), "box_sd")
+        sd = sd[row]
     parameters = of_rig(rig)
     k1 = np.where(registered, radial_distortion(rig), 0.0)
     start = np.nan_to_num(parameters)

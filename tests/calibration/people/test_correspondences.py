@@ -1,13 +1,20 @@
 """Bundle adjustment of given groups: exact boxes keep the rig, silent edges say nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.calibration.people._correspondences import adjust_groups
+from catfree.calibration.people import AnchorCheck
+from catfree.calibration.people._correspondences import adjust_groups, refine_with_correspondences
 from catfree.calibration.people.adjustment._people_bundle import BoxMeasurements, weak_prior
+from catfree.errors import InvalidInputError
 from catfree.settings import CalibrationSettings
+from catfree.synthetic import make_layout
+from catfree.types import Detections
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
+from tests.known_calibration import calibration_of
 
 SETTINGS = CalibrationSettings()
 PEOPLE = 80
@@ -71,3 +78,30 @@ def test_a_rig_that_is_off_comes_back():
     apart = lambda p: np.linalg.norm(p[:, None, 4:] - p[None, :, 4:], axis=-1)  # noqa: E731
     error = np.abs(apart(found) - apart(parameters)).max()
     assert error < 0.2 * np.abs(apart(off) - apart(parameters)).max()
+
+
+RIG = calibration_of(make_layout("ring4", 0).scene)
+GROUPS = np.arange(4 * 30).reshape(30, 4)
+BOX = [800.0, 400.0, 840.0, 500.0]
+BOXES = Detections(np.repeat(np.arange(30), 4), np.tile(np.arange(4), 30), np.tile(BOX, (120, 1)))
+
+
+def test_a_rig_that_anchors_hold_is_not_refined():
+    check = AnchorCheck(None, "people", (0.0,), (0.1,), 1.0, True, "As expected.")
+    with pytest.raises(InvalidInputError, match="was fitted to anchors"):
+        refine_with_correspondences(replace(RIG, anchors=(check,)), BOXES, GROUPS)
+
+
+@pytest.mark.parametrize(
+    ("members", "box_sd", "sentence"),
+    [
+        (GROUPS[:, :3], None, r"members must have shape \(n, 4\)"),
+        (GROUPS[0], None, "members must have shape"),
+        (GROUPS + 0.5, None, r"members\[0, 0\] is 0.5; it must be a whole number"),
+        (GROUPS, np.ones(120), r"box_sd must have shape \(120, 3\)"),
+        (GROUPS, np.ones((119, 3)), "box_sd must have shape"),
+    ],
+)
+def test_groups_and_deviations_of_another_form_are_refused(members, box_sd, sentence):
+    with pytest.raises(InvalidInputError, match=sentence):
+        refine_with_correspondences(RIG, BOXES, members, box_sd=box_sd)
