@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
-from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground, visible
+from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.settings import CalibrationSettings
 
@@ -140,40 +140,3 @@ def _merge(
         packed(people.valid, unmatched),
     )
     return merged, packed(members, added_members)
-
-
-def seen_by_any(
-    grid: BoxGrid,
-    state: RigState,
-    cameras: Int[np.ndarray, " chosen"],
-    people: GroundMap,
-    smallest: Float[np.ndarray, " cam"],
-    settings: CalibrationSettings,
-) -> Bool[np.ndarray, "frame person"]:
-    """Mark the people whom any of some placed cameras should see.
-
-    Args:
-        grid: all boxes, for the image sizes.
-        state: the rig.
-        cameras: (k,) indices of the cameras, at least one.
-        people: (T, N) map of people.
-        smallest: (C,) box height in pixels below which a camera hardly detects people.
-        settings: constants.
-
-    Returns:
-        (T, N) bool; it means nothing where the map holds nobody.
-    """
-    return np.any(
-        [
-            visible(
-                state.parameters[camera],
-                grid.size[camera],
-                float(smallest[camera]),
-                people.xy,
-                people.height,
-                settings,
-            )
-            for camera in cameras
-        ],
-        axis=0,
-    )

@@ -1,5 +1,6 @@
 """Match mutually nearest people of two ground maps and compare the matches with chance."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -8,9 +9,10 @@ from jaxtyping import Bool, Float, Float32, Int
 from scipy.ndimage import gaussian_filter
 
 from catfree.calibration.people.cameras._ground_map import GroundMap
-from catfree.settings import CalibrationSettings
 
 ROUNDING = 1.01  # single precision may shorten a distance by less
+LEAST_DENSITY = 0.002  # boxes per square meter and frame: one somewhere in 500 square meters
+CELL = 0.5  # meters
 
 
 class Matches(NamedTuple):
@@ -90,45 +92,36 @@ def _first_lowest(
     return marked
 
 
-@dataclass(frozen=True)
-class ChanceDensity:
-    """Density of a camera's boxes on the ground, per square meter and frame.
-
-    Attributes:
-        values: (X, Y) density of each cell of side `CELL`.
-        origin: (2,) corner of the first cell in meters.
-    """
-
-    values: Float[np.ndarray, "x y"]
-    origin: Float[np.ndarray, "2"]
-
-    def __call__(self, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
-        """Density at points (..., 2)."""
-        index = np.floor((xy - self.origin) / CELL).astype(int)
-        limit = np.array(self.values.shape) - 1
-        inside = ((index >= 0) & (index <= limit)).all(-1)
-        index = np.clip(index, 0, limit)
-        return np.where(inside, self.values[index[..., 0], index[..., 1]], 0.0) + LEAST_DENSITY
-
-
-LEAST_DENSITY = 0.002  # boxes per square meter and frame: one somewhere in 500 square meters
-CELL = 0.5
-
-
-def chance_density(people: GroundMap) -> ChanceDensity:
-    """Density of a map over all frames, blurred by one meter.
+def chance_density(
+    people: GroundMap,
+) -> Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]:
+    """Estimate the density of a camera's boxes on the ground, blurred by one meter.
 
     A person who stands still makes the local density high, so that a match there is not evidence.
+
+    Args:
+        people: the camera's map.
+
+    Returns:
+        A function from points (n, 2) to boxes per square meter and frame, (n,).
     """
     xy = people.xy[people.valid]
     if not len(xy):
-        return ChanceDensity(np.zeros((1, 1)), np.zeros(2))
+        return lambda xy: np.full(len(xy), LEAST_DENSITY)
     origin = xy.min(0) - 4
     shape = np.ceil((xy.max(0) + 4 - origin) / CELL).astype(int) + 1
     index = np.floor((xy - origin) / CELL).astype(int)
     counts = np.bincount(np.ravel_multi_index(index.T, shape), minlength=shape.prod())
     density = counts.reshape(shape) / (CELL**2 * len(people.xy))
-    return ChanceDensity(gaussian_filter(density, 1.0 / CELL, mode="constant"), origin)
+    density = gaussian_filter(density, 1.0 / CELL, mode="constant")
+
+    def at(xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        index = np.floor((xy - origin) / CELL).astype(int)
+        inside = ((index >= 0) & (index < shape)).all(-1)
+        x, y = np.clip(index, 0, shape - 1).T
+        return np.where(inside, density[x, y], 0.0) + LEAST_DENSITY
+
+    return at
 
 
 @dataclass(frozen=True)
@@ -144,49 +137,3 @@ class Judgment:
     evidence: float
     association: float
     matches: int
-
-
-def judge_candidate(
-    candidate: GroundMap,
-    others: GroundMap,
-    density: ChanceDensity,
-    others_expected: Bool[np.ndarray, "frame partner"],
-    candidate_expected: Bool[np.ndarray, "frame slot"],
-    settings: CalibrationSettings,
-) -> Judgment:
-    """Weigh the people of one camera against a map of the others.
-
-    Args:
-        candidate: the camera's map in world coordinates.
-        others: the map of the other cameras.
-        density: chance density of the camera's boxes.
-        others_expected: (T, M) whether the camera should see each person of the map.
-        candidate_expected: (T, N) whether any other camera should see each person of the camera.
-        settings: constants.
-
-    Returns:
-        The judgment; missing people reduce the evidence.
-    """
-    time, slot, partner, distance, log_determinant = mutual_nearest(
-        candidate, others, settings.match_gate
-    )
-    candidate_matched = np.zeros(candidate.valid.shape, bool)
-    candidate_matched[time, slot] = True
-    others_matched = np.zeros(others.valid.shape, bool)
-    others_matched[time, partner] = True
-    missed = int((others_expected & others.valid & ~others_matched).sum())
-    unmatched = int((candidate_expected & candidate.valid & ~candidate_matched).sum())
-    matches = len(time)
-    # Maximum likelihood detection rate, within the usual rates of detectors.
-    rate = 2 * matches / max(1, 2 * matches + missed + unmatched)
-    low, high = settings.detection_rates
-    rate = min(max(rate, low), high)
-    miss = np.log(1 - rate)
-    chance = density(candidate.xy[time, slot])
-    log_ratio = (
-        np.log(rate) - distance / 2 - log_determinant / 2 - np.log(2 * np.pi) - np.log(chance)
-    )
-    # A match less likely than two separate people counts as two separate people.
-    evidence = float(np.maximum(log_ratio, 2 * miss).sum() + miss * (missed + unmatched))
-    rates = [matches / max(1, matches + count) for count in (missed, unmatched)]
-    return Judgment(evidence, max(rates), matches)

@@ -7,19 +7,19 @@ boxes are shifted in time. A correct camera matches more people at the true time
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.cameras._ground_map import GroundMap
+from catfree.calibration.people.cameras._ground_map import GroundMap, visible
 from catfree.calibration.people.matching._group_people import (
     RigState,
     camera_map,
     group_people,
-    seen_by_any,
 )
 from catfree.calibration.people.matching._mutual_nearest import (
     Judgment,
     chance_density,
-    judge_candidate,
+    mutual_nearest,
 )
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
@@ -71,21 +71,40 @@ def judge_camera(
     if others is None:
         others = group_people(grid, rest, settings).ground
     camera_people = camera_map(grid, camera, state, settings)
-    others_expected = seen_by_any(grid, state, np.array([camera]), others, work.smallest, settings)
-    own_expected = seen_by_any(
-        grid, rest, np.flatnonzero(rest.placed), camera_people, work.smallest, settings
-    )
+
+    def seen_by(one: int, people: GroundMap) -> Bool[np.ndarray, "frame person"]:
+        """Mark the people whom a camera should see."""
+        size, smallest = grid.size[one], float(work.smallest[one])
+        at, height = people.xy, people.height
+        return visible(state.parameters[one], size, smallest, at, height, settings)
+
+    others_expected = seen_by(camera, others)
+    own_expected = np.any([seen_by(int(c), camera_people) for c in np.flatnonzero(rest.placed)], 0)
     density = chance_density(camera_people)
 
     def at_shift(shift: int) -> Judgment:
-        return judge_candidate(
-            camera_people.rolled(shift),
-            others,
-            density,
-            others_expected,
-            np.roll(own_expected, shift, axis=0),
-            settings,
+        """Weigh the camera's people against the map of the others; missing ones count against."""
+        mine = camera_people.rolled(shift)
+        time, slot, partner, distance, log_determinant = mutual_nearest(
+            mine, others, settings.match_gate
         )
+        theirs, own = others_expected & others.valid, np.roll(own_expected, shift, 0) & mine.valid
+        missed = int(theirs.sum() - theirs[time, partner].sum())
+        unmatched = int(own.sum() - own[time, slot].sum())
+        matches = len(time)
+        # Maximum likelihood detection rate, within the usual rates of detectors.
+        rate = 2 * matches / max(1, 2 * matches + missed + unmatched)
+        low, high = settings.detection_rates
+        rate = min(max(rate, low), high)
+        miss = np.log(1 - rate)
+        chance = density(mine.xy[time, slot])
+        log_ratio = (
+            np.log(rate) - distance / 2 - log_determinant / 2 - np.log(2 * np.pi) - np.log(chance)
+        )
+        # A match less likely than two separate people counts as two separate people.
+        evidence = float(np.maximum(log_ratio, 2 * miss).sum() + miss * (missed + unmatched))
+        rates = [matches / max(1, matches + count) for count in (missed, unmatched)]
+        return Judgment(evidence, max(rates), matches)
 
     judgment = at_shift(0)
     frames = grid.frame_count
