@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._people_bundle import CONVERGED, camera_prior
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, X, Z, projection
-from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
+from catfree.calibration.people.cameras._ground_map import GroundMap, map_camera
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
@@ -81,12 +81,7 @@ def resect(
         matches: dict[int, MatchedPeople] = {}
         for at, parameters in refined.items():
             grid = placements[at][0]
-            own_map = map_ground(
-                parameters,
-                *grid.of_camera(camera),
-                settings,
-                range_tolerance=tolerance,
-            )
+            own_map = map_camera(grid, camera, parameters, settings, tolerance)
             matched = _match(grid, camera, own_map, people, settings.match_gate)
             if len(matched.sd) >= FEWEST_MATCHES:
                 matches[at] = matched

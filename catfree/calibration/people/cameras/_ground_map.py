@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._camera_model import (
     LOG_FOCAL,
     X,
@@ -149,6 +150,26 @@ def map_ground(
         height_sd=prior * np.sqrt(1 - share),
         valid=ok,
     )
+
+
+def map_camera(
+    grid: BoxGrid,
+    camera: int,
+    parameters: Float[np.ndarray, "7"],
+    settings: CalibrationSettings,
+    range_tolerance: float,
+) -> GroundMap:
+    """Locate the people of one camera of a grid.
+
+    Args:
+        grid: boxes of all cameras.
+        camera: index of the camera.
+        parameters: (7,) the camera.
+        settings: constants.
+        range_tolerance: as `map_ground`.
+    """
+    boxes = grid.of_camera(camera)
+    return map_ground(parameters, *boxes, settings, range_tolerance=range_tolerance)
 
 
 def visible(

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
-from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
+from catfree.calibration.people.cameras._ground_map import GroundMap, map_camera
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.settings import CalibrationSettings
 
@@ -53,25 +53,6 @@ class People:
     members: Int[np.ndarray, "frame person cam"]
 
 
-def camera_map(
-    grid: BoxGrid, camera: int, state: RigState, settings: CalibrationSettings
-) -> GroundMap:
-    """Map the people of one placed camera in world coordinates.
-
-    Args:
-        grid: all boxes.
-        camera: index of the camera.
-        state: the rig.
-        settings: constants.
-    """
-    return map_ground(
-        state.parameters[camera],
-        *grid.of_camera(camera),
-        settings,
-        range_tolerance=state.range_tolerance,
-    )
-
-
 def group_people(
     grid: BoxGrid,
     state: RigState,
@@ -88,7 +69,9 @@ def group_people(
         settings: constants.
     """
     cameras = sorted(np.flatnonzero(state.placed).tolist(), key=lambda c: -int(grid.valid[c].sum()))
-    first, *others = (camera_map(grid, c, state, settings) for c in cameras)
+    first, *others = (
+        map_camera(grid, c, state.parameters[c], settings, state.range_tolerance) for c in cameras
+    )
     members = np.full((*first.valid.shape, grid.camera_count), -1)
     members[:, :, cameras[0]] = np.where(first.valid, np.arange(first.valid.shape[1]), -1)
     people = first

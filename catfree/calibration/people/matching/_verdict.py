@@ -10,10 +10,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.cameras._ground_map import GroundMap, visible
+from catfree.calibration.people.cameras._ground_map import GroundMap, map_camera, visible
 from catfree.calibration.people.matching._group_people import (
     RigState,
-    camera_map,
     group_people,
 )
 from catfree.calibration.people.matching._mutual_nearest import (
@@ -70,7 +69,9 @@ def judge_camera(
     rest = state.without_camera(camera)
     if others is None:
         others = group_people(grid, rest, settings).ground
-    camera_people = camera_map(grid, camera, state, settings)
+    camera_people = map_camera(
+        grid, camera, state.parameters[camera], settings, state.range_tolerance
+    )
 
     def seen_by(one: int, people: GroundMap) -> Bool[np.ndarray, "frame person"]:
         """Mark the people whom a camera should see."""

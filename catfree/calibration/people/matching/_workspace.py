@@ -5,7 +5,6 @@ from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people._radial_lens import RadialLenses
-from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_ground
 from catfree.calibration.people.cameras._single_view import fit_planes
 from catfree.settings import CalibrationSettings
 
@@ -49,20 +48,3 @@ class Workspace:
         if key not in self._planes:
             self._planes[key] = fit_planes(self.grid, camera, np.exp(log_focal), self.settings)
         return self._planes[key]
-
-    def local_map(
-        self, grid: BoxGrid, camera: int, parameters: Float[np.ndarray, "7"]
-    ) -> GroundMap:
-        """Map the people of a camera with given parameters.
-
-        Args:
-            grid: the frames to map.
-            camera: index of the camera.
-            parameters: (7,) its parameters.
-        """
-        return map_ground(
-            parameters,
-            *grid.of_camera(camera),
-            self.settings,
-            range_tolerance=RANGE_ERRORS[0],
-        )

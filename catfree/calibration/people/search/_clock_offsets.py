@@ -11,7 +11,7 @@ from jaxtyping import Int
 
 from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
-from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, map_camera
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import vote
 from catfree.calibration.people.matching._workspace import Workspace
@@ -143,7 +143,7 @@ def offset_of_unplaced(
     for shift in _shifts(work, maximum):
         sample = work.grid.shifted(camera, -shift).thinned(settings.voting_frames)
         for plane in planes:
-            camera_map = work.local_map(sample, camera, plane)
+            camera_map = map_camera(sample, camera, plane, settings, RANGE_ERRORS[0])
             candidates += [
                 (placement.score, shift, placement.place(plane))
                 for placement in vote(voting_people, camera_map, settings, 1)
