@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._people_bundle import CONVERGED, camera_prior
@@ -150,14 +150,12 @@ def fit_cameras(
         return jax.device_put(table)
 
     with jax.enable_x64(True):
-        fitted = _fit_all(
-            (
-                padded(np.stack(starts)[:, None], fits),
-                stacked([one.people for one in matches]),
-                stacked([one.box for one in matches]),
-                stacked([1 / one.sd**2 for one in matches]),
-                stacked([one.covariance for one in matches]),
-            ),
+        fitted = _fit(
+            padded(np.stack(starts)[:, None], fits),
+            stacked([one.people for one in matches]),
+            stacked([one.box for one in matches]),
+            stacked([1 / one.sd**2 for one in matches]),
+            stacked([one.covariance for one in matches]),
             jnp.asarray(settings.foot_offset),
             jnp.asarray(mean),
             jnp.asarray(precision),
@@ -198,33 +196,33 @@ def _problem(
     return robust(residuals, partial(cauchy, width=CAUCHY))
 
 
+@jax.jit
 def _fit(
-    start: Float[Array, "1 7"],
-    people: Float[Array, "n 3"],
-    box: Float[Array, "n 3"],
-    information: Float[Array, " n"],
-    covariance: Float[Array, "n 3 3"],
+    starts: Float[Array, "fit 1 7"],
+    people: Float[Array, "fit n 3"],
+    boxes: Float[Array, "fit n 3"],
+    information: Float[Array, "fit n"],
+    covariance: Float[Array, "fit n 3 3"],
     foot_offset: Float[Array, ""],
     mean: Float[Array, "1 7"],
     camera_precision: Float[Array, "1 7"],
-    most_steps: Array,
-) -> Float[Array, "1 7"]:
-    """The camera with the smallest cost; boxes without information are absent."""
-    by_person = jax.vmap(jax.jacfwd(lambda p: _edges(start[0], p[None], foot_offset)[0]))(people)
-    # The uncertainty of the people adds to the noise.
-    spread = jnp.einsum("nij,njk,nik->ni", by_person, covariance, by_person)
-    precision = jnp.sqrt(information[:, None] / (1 + information[:, None] * spread))
-    matches = _Matches(box, precision, people, foot_offset, mean, camera_precision)
-    unknowns = Unknowns(start, jnp.zeros((len(people), 0), start.dtype))
-    args = jnp.zeros(0, start.dtype), matches
-    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
-    return minimize(_problem, unknowns, args, solver).value.view
-
-
-@jax.jit
-def _fit_all(
-    fits: tuple[Array, ...], foot_offset: Array, mean: Array, precision: Array, most_steps: Array
+    most_steps: Int[Array, ""],
 ) -> Float[Array, "fit 1 7"]:
-    """`_fit` of each row of (F, ...) `fits`, one after the other: each ends when it converges."""
-    given = {"foot_offset": foot_offset, "mean": mean, "camera_precision": precision}
-    return jax.lax.map(lambda fit: _fit(*fit, **given, most_steps=most_steps), fits)
+    """The cameras with the smallest cost; boxes without information are absent."""
+    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
+
+    def fit(one: tuple[Array, ...]) -> Array:
+        start, people, box, information, covariance = one
+        by_person = jax.vmap(jax.jacfwd(lambda p: _edges(start[0], p[None], foot_offset)[0]))(
+            people
+        )
+        # The uncertainty of the people adds to the noise.
+        spread = jnp.einsum("nij,njk,nik->ni", by_person, covariance, by_person)
+        precision = jnp.sqrt(information[:, None] / (1 + information[:, None] * spread))
+        matches = _Matches(box, precision, people, foot_offset, mean, camera_precision)
+        unknowns = Unknowns(start, jnp.zeros((len(people), 0), start.dtype))
+        args = jnp.zeros(0, start.dtype), matches
+        return minimize(_problem, unknowns, args, solver).value.view
+
+    # Each ends when it converges.
+    return jax.lax.map(fit, (starts, people, boxes, information, covariance))
