@@ -24,7 +24,7 @@ from catfree.calibration.people.matching._verdict import (
 )
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
-from catfree.calibration.people.search._growth import accepted_candidates, best_candidate
+from catfree.calibration.people.search._growth import accepted_candidates
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
@@ -52,10 +52,10 @@ def reconsider(
         without = state.without_camera(camera)
         if without.placed.sum() < 2:
             continue
-        best = best_candidate(work, without, camera, [])
-        if best is None:
+        accepted = accepted_candidates(work, without, camera)
+        if not accepted:
             continue
-        parameters, verdict = best
+        parameters, verdict = max(accepted, key=lambda one: one[1].margin)
         if state.placed[camera]:
             current = judge_camera(work, state, camera, grid=work.scoring)
             if verdict.margin < current.margin + settings.minimum_margin:
@@ -103,7 +103,7 @@ def places_for(
             {camera: verdict},
             anew=[camera],
         )
-        for parameters, verdict in accepted_candidates(work, state, camera, [])
+        for parameters, verdict in accepted_candidates(work, state, camera)
     ]
 
 

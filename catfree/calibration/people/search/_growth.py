@@ -42,9 +42,10 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
     while not rig.state.placed.all():
         state = rig.state
         for camera in np.flatnonzero(~state.placed):
-            best = best_candidate(work, rig.state, int(camera), pairs)
-            if best is not None:
-                state = state.with_camera(int(camera), best[0])
+            accepted = accepted_candidates(work, rig.state, int(camera), pairs)
+            if accepted:
+                best, _ = max(accepted, key=lambda one: one[1].margin)
+                state = state.with_camera(int(camera), best)
         if state is rig.state:
             break
         grown = fit_rig(work, state)
@@ -105,29 +106,11 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
     return rig
 
 
-def best_candidate(
-    work: Workspace,
-    state: RigState,
-    camera: int,
-    pairs: list[PairHypothesis],
-) -> tuple[Float[np.ndarray, "7"], PlacementVerdict] | None:
-    """Find the accepted placement of a camera with the highest margin, refined; None if none.
-
-    Args:
-        work: the sequence.
-        state: the rig without the camera.
-        camera: index of the camera.
-        pairs: pair hypotheses, for candidates relative to placed cameras.
-    """
-    accepted = accepted_candidates(work, state, camera, pairs)
-    return max(accepted, key=lambda placement: placement[1].margin, default=None)
-
-
 def accepted_candidates(
     work: Workspace,
     state: RigState,
     camera: int,
-    pairs: list[PairHypothesis],
+    pairs: Sequence[PairHypothesis] = (),
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Find the placements of a camera with sufficient evidence, refined.
 
@@ -192,7 +175,7 @@ def _candidates(
     work: Workspace,
     state: RigState,
     camera: int,
-    pairs: list[PairHypothesis],
+    pairs: Sequence[PairHypothesis],
     middle: float,
 ) -> list[Float[np.ndarray, "7"]]:
     """Distinct placements of a camera, from votes against the rig's people and from pairs."""
