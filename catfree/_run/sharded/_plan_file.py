@@ -8,13 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from catfree._run.sharded._shard import Shard
-from catfree.adapters.files._documents import (
-    StrPath,
-    read_json,
-    require_schema,
-    write_text_atomically,
-)
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.adapters.files._documents import StrPath, document_of, write_text_atomically
+from catfree.errors import InvalidInputError, quoted
 from catfree.types import Clock
 from catfree.types._validation import as_path, require_declared_types
 
@@ -69,9 +64,7 @@ def read_plan(path: StrPath) -> PlanFile:
         FileFormatError: if it is damaged or of another version.
     """
     source = as_path(path, "path")
-    document = read_json(source, "plan")
-    require_schema(document, _SCHEMA, source, "plan", "Make it again with catfree plan.")
-    try:
+    with document_of(source, _SCHEMA, "plan", "Make it again with catfree plan.") as document:
         document.setdefault("unit", PlanFile.unit)  # which earlier plans do not have
         values = {field.name: document[field.name] for field in dataclasses.fields(PlanFile)}
         values["shards"] = tuple(map(_shard, values["shards"]))
@@ -81,10 +74,6 @@ def read_plan(path: StrPath) -> PlanFile:
         if [shard.index for shard in values["shards"]] != list(range(len(values["shards"]))):
             raise InvalidInputError("its shards are not in order")
         return PlanFile(**values)
-    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
-        raise FileFormatError(
-            f"{source} is damaged ({quoted(error)}). Make it again with catfree plan."
-        ) from error
 
 
 def shard_at(plan: Sequence[Shard], index: int) -> Shard:

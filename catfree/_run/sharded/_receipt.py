@@ -8,14 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from catfree._run.sharded._shard import Shard
-from catfree.adapters.files._documents import (
-    StrPath,
-    read_json,
-    require_schema,
-    write_text_atomically,
-)
+from catfree.adapters.files._documents import StrPath, document_of, write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.errors import FileFormatError, InvalidInputError
 from catfree.settings import EvidenceSettings
 from catfree.types import Clock
 from catfree.types._validation import as_number, as_path, require_declared_types
@@ -195,15 +190,8 @@ def read_receipt(path: Path) -> Receipt:
         InvalidInputError: if there is none.
         FileFormatError: if it is damaged or of another version.
     """
-    document = read_json(path, "receipt of a shard")
-    advice = "Run this shard again."
-    require_schema(document, SCHEMA, path, "receipt", advice)
-    names = [field.name for field in dataclasses.fields(Receipt)]
-    missing = [name for name in names if name not in document]
-    if missing:
-        raise FileFormatError(f"{path} lacks {missing[0]!r}. {advice}")
-    values = {name: document[name] for name in names}
-    try:
+    with document_of(path, SCHEMA, "receipt", "Run this shard again.") as document:
+        values = {field.name: document[field.name] for field in dataclasses.fields(Receipt)}
         require_declared_types(Receipt, values)
         Clock(**values["clock"])
         for name, value in values.items():
@@ -214,9 +202,7 @@ def read_receipt(path: Path) -> Receipt:
         for name in ("warnings", "verdicts"):
             values[name] = tuple(map(str, values[name]))
         values["cameras"] = tuple(map(int, values["cameras"]))
-    except (ValueError, TypeError, OverflowError) as error:
-        raise FileFormatError(f"{path} is damaged ({quoted(error)}). {advice}") from error
-    return Receipt(**values)
+        return Receipt(**values)
 
 
 def _holds_nan(value: Any) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from catfree._run.sharded._receipt import MANIFEST, MANIFEST_SCHEMA, require_scene_file
 from catfree.adapters.calibration_files._rig_json import read_scene_json
-from catfree.adapters.files._documents import StrPath, read_json, require_folder, require_schema
+from catfree.adapters.files._documents import StrPath, document_of, require_folder
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._parquet import open_dataset
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
@@ -124,28 +124,15 @@ def open_tracks(out: StrPath) -> StoredTracks:
         raise InvalidInputError(
             f"{folder} has no {MANIFEST}: its shards have not been joined. Run cf.join first."
         )
-    document = read_json(path, "manifest")
-    require_schema(document, MANIFEST_SCHEMA, path, "manifest", "Join the shards again.")
-    scene, names = read_scene_json(require_scene_file(folder, document.get("scene_file")))
-    try:
+    with document_of(path, MANIFEST_SCHEMA, "manifest", "Join the shards again.") as document:
         clock = Clock(**{key: document["clock"][key] for key in ("frame_rate", "start", "utc")})
         parts = tuple(_part(folder, row) for row in document["parts"])
-        opened = StoredTracks(
-            folder=folder,
-            scene=scene,
-            camera_names=names,
-            clock=clock,
-            people=int(document["people"]),
-            parts=parts,
-        )
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise FileFormatError(
-            f"{path} is damaged ({quoted(error)}). Join the shards again."
-        ) from error
-    for part in opened.parts:
+        people, sha256 = int(document["people"]), document["scene_file"]
+    scene, names = read_scene_json(require_scene_file(folder, sha256))
+    for part in parts:
         if not os.path.isfile(part.path):  # also if the name is too long
             raise FileFormatError(f"{part.path} is missing. Join the shards again.")
-    return opened
+    return StoredTracks(folder, scene, names, clock, people, parts)
 
 
 def _part(folder: Path, row: dict[str, Any]) -> StoredPart:

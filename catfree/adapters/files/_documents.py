@@ -1,10 +1,11 @@
 """Reading of text, JSON and array files with clear errors, and atomic writing."""
 
+import contextlib
 import json
 import os
 import re
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,34 @@ def read_json(path: StrPath, meaning: str) -> Any:
         ) from error
 
 
+@contextlib.contextmanager
+def document_of(path: StrPath, schema: str, kind: str, advice: str) -> Iterator[dict[str, Any]]:
+    """Read a JSON file that states its `schema`; errors of the block say that it is damaged.
+
+    Args:
+        path: the file.
+        schema: the expected version of its format.
+        kind: what the file is, for messages.
+        advice: last sentence of messages.
+
+    Raises:
+        InvalidInputError: if there is no such file.
+        FileFormatError: if it is not JSON, is of another version, or the block finds it damaged.
+    """
+    document = read_json(path, kind)
+    stated = document.get("schema") if isinstance(document, dict) else document
+    if stated != schema:
+        raise FileFormatError(
+            f"{path} is a {kind} of another version: {quoted(stated)} instead of {schema!r}. "
+            f"{advice}"
+        )
+    try:
+        yield document
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else quoted(error)
+        raise FileFormatError(f"{path} is damaged ({reason}). {advice}") from error
+
+
 def parse_json(text: str) -> Any:
     """Parse JSON in which no object states a key twice, of which one value would be lost.
 
@@ -160,20 +189,6 @@ def entry(mapping: Any, key: str, source: StrPath, where: str) -> Any:
     if key not in mapping:
         raise FileFormatError(f"{source}: {where} has no {quoted(key)}.")
     return mapping[key]
-
-
-def require_schema(document: Any, schema: str, source: StrPath, kind: str, advice: str) -> None:
-    """Raise unless a parsed document states the expected version of its format as its `schema`.
-
-    Raises:
-        FileFormatError: naming the file, what it states, and the advice.
-    """
-    stated = document.get("schema") if isinstance(document, dict) else document
-    if stated != schema:
-        raise FileFormatError(
-            f"{source} is a {kind} of another version: {quoted(stated)} instead of {schema!r}. "
-            f"{advice}"
-        )
 
 
 def text_of(value: Any, source: StrPath, where: str) -> str:

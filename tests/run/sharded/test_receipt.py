@@ -87,3 +87,13 @@ def test_impossible_cameras_are_damage(value, tmp_path):
     path.write_text(path.read_text().replace("123456", value))
     with pytest.raises(FileFormatError, match=r"a\.json is damaged.*Run this shard again"):
         read_receipt(path)
+
+
+def test_an_entry_that_is_missing_is_damage(tmp_path):
+    path = tmp_path / "a.json"
+    write_receipt(path, receipt())
+    path.write_text(path.read_text().replace('"boxes_used"', '"used"'))
+    with pytest.raises(
+        FileFormatError, match=r"a\.json is damaged .it lacks 'boxes_used'.\. Run"
+    ):
+        read_receipt(path)
