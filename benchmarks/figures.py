@@ -221,7 +221,7 @@ def _two(sequences: list[Sequence]) -> Figures:
 def demo(seed: int, data: Path | None) -> Figures:
     """The demo: rendered videos through the whole pipeline."""
     with tempfile.TemporaryDirectory() as folder:
-        similarity, rigid = run_demo(folder, seed, pictures=False).scores
+        _, (similarity, rigid) = run_demo(folder, seed, pictures=False)
     error = similarity.centre_error[np.isfinite(similarity.centre_error)]
     return {
         "cameras": len(error),

@@ -216,13 +216,12 @@ def run(
             workers=processor_count() if workers is None else workers,
             unfinished=unfinished,
         )
-    footage = outcome.videos or footage
     drawn = None if pictures else False
     write_results(
         out,
         outcome,
         settings,
-        videos=footage,
+        videos=outcome.videos,
         pictures=drawn,
         embeddings=embeddings,
         blur=blur,
@@ -230,7 +229,7 @@ def run(
     )
     if overlay:
         with progress_bars() as progress:
-            write_overlay(out, footage, outcome, progress, blur=blur)
+            write_overlay(out, outcome.videos, outcome, progress, blur=blur)
     warn(outcome.warnings)
     print_result(outcome, out)
 
@@ -324,7 +323,7 @@ def demo(
     from catfree.cli._demo import EASY, run_demo, score_table
 
     with progress_bars() as progress:
-        result = run_demo(
+        outcome, scores = run_demo(
             out,
             seed,
             cameras=cameras,
@@ -337,9 +336,9 @@ def demo(
             blur=blur,
             progress=progress,
         )
-    print_table(score_table(result.scores))
-    warn(result.outcome.warnings)
-    print_result(result.outcome, out)
+    print_table(score_table(scores))
+    warn(outcome.warnings)
+    print_result(outcome, out)
     print_text(EASY)
 
 

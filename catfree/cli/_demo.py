@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from catfree._run._result_folder import write_results
 from catfree._run._run import RunOutcome, run_stages
-from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.evaluation import (
     align_centres,
@@ -80,25 +79,6 @@ class AlignedScore:
     scale: float
 
 
-@dataclass(frozen=True)
-class DemoOutcome:
-    """A scored run of the demo.
-
-    Attributes:
-        world: the truth.
-        videos: the rendered files, one per camera.
-        outcome: the result of the pipeline.
-        scores: after a similarity and after a rigid alignment.
-        files: the written files.
-    """
-
-    world: World
-    videos: tuple[Path, ...]
-    outcome: RunOutcome
-    scores: tuple[AlignedScore, ...]
-    files: tuple[Path, ...]
-
-
 def run_demo(
     folder: str | os.PathLike[str],
     seed: int = 0,
@@ -112,7 +92,7 @@ def run_demo(
     pictures: bool | None = None,
     blur: bool = False,
     progress: Progress | None = None,
-) -> DemoOutcome:
+) -> tuple[RunOutcome, tuple[AlignedScore, ...]]:
     """Render a seeded world, track its people from the video files alone, and score the tracks.
 
     Args:
@@ -129,7 +109,7 @@ def run_demo(
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        Truth, outcome and scores.
+        The result of the pipeline, and the scores after a similarity and after a rigid alignment.
 
     Raises:
         InvalidInputError: if there are fewer than three cameras, no people, or images too small or
@@ -174,17 +154,17 @@ def run_demo(
     ]
     if settings == DEMO_SETTINGS:
         score_blocks.append(Paragraph(UNPREDICTED))
-    files = write_results(
+    write_results(
         root,
         outcome,
         settings,
-        videos=SynchronizedVideos(videos),
+        videos=outcome.videos,
         pictures=pictures,
         ground_truth=truth,
         blur=blur,
         extra=score_blocks,
     )
-    return DemoOutcome(world, tuple(videos), outcome, scores, tuple(files))
+    return outcome, scores
 
 
 def score(world: World, outcome: RunOutcome) -> tuple[AlignedScore, ...]:
