@@ -68,9 +68,9 @@ def check(
             "--videos and --blur are for the page, which is written only with --out. Give it, "
             "or leave them out."
         )
-    camera_boxes = open_boxes(boxes, frame_rate, image_size)
-    require_since(since, camera_boxes.detections)  # told before the long work
     known_scene, names = open_scene(scene, unit, image_size)
+    camera_boxes = open_boxes(boxes, frame_rate, image_size, camera_names=names)
+    require_since(since, camera_boxes.detections)  # told before the long work
     footage = None
     if videos:
         count = known_scene.rig.camera_count

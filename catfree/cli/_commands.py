@@ -275,8 +275,8 @@ def localize(
 
     require_offset(max_offset)
     settings, known_anchors = settings_of(method), open_anchors(anchors)
-    camera_boxes = open_boxes(boxes, frame_rate, image_size, silent)
     known_scene, names = open_scene(scene, unit, image_size)
+    camera_boxes = open_boxes(boxes, frame_rate, image_size, silent, names)
     print_table(_box_table(camera_boxes), aside=True)
     with folder_of_results(out), progress_bars() as progress:
         outcome = run_boxes(

@@ -197,6 +197,7 @@ def open_boxes(
     frame_rate: float | int | None = None,
     image_size: tuple[int, int] | None = None,
     silent: Path | None = None,
+    camera_names: tuple[str, ...] | None = None,
 ) -> Any:
     """Read the boxes of all cameras, with the names of these and the sizes of their images.
 
@@ -205,6 +206,7 @@ def open_boxes(
         frame_rate: frames per second, if known.
         image_size: width and height in pixels of all images, if known.
         silent: table of the pictures that do not exist, if some do not.
+        camera_names: (C,) names of the scene's cameras, if known.
 
     Raises:
         CatFreeError: if these are not boxes, saying which command takes what they are.
@@ -218,7 +220,7 @@ def open_boxes(
     )
 
     try:
-        boxes = read_camera_boxes(paths, frame_rate=frame_rate)
+        boxes = read_camera_boxes(paths, camera_names, frame_rate=frame_rate)
     except CatFreeError as error:
         footage = [one for path in paths for one in _footage_in(path)]
         if not footage or any(map(holds_boxes, paths)):

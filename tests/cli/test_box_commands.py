@@ -1,6 +1,7 @@
 """`localize`, `calibrate` and `evaluate` on files of boxes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,6 +98,21 @@ def test_nothing_is_concluded_from_missing_pictures(world, boxes, tmp_path):
     expected = cf.localize(seen, world.scene, silent=missing).tracks
     np.testing.assert_array_equal(found.existence, expected.existence)
     assert not np.array_equal(cf.localize(seen, world.scene).tracks.existence, expected.existence)
+
+
+def test_boxes_of_cameras_named_by_numbers(world, tmp_path, capsys):
+    names = np.array(["1", "2", "3"])
+    write_scene_json(tmp_path / "scene.json", world.scene, tuple(names))
+    seen = world.detections[world.detections.camera != 2]
+    table = seen.to_pandas()
+    table["camera"] = names[seen.camera]
+    table.to_csv(tmp_path / "boxes.csv", index=False)
+    out = tmp_path / "results"
+    words = ["localize", str(tmp_path / "boxes.csv"), "--scene", str(tmp_path / "scene.json")]
+    assert cli.main([*words, "--out", str(out), "--no-pictures"]) == 0
+    known, _ = read_scene(tmp_path / "scene.json")
+    expected = cf.localize(seen, replace(known, rig=known.rig.select([0, 1]))).tracks
+    np.testing.assert_allclose(read_tracks(out).to_rows(), expected.to_rows(), atol=0.01)
 
 
 def test_a_box_in_a_missing_picture_is_told_before_the_cameras_are_found(boxes, tmp_path, capsys):

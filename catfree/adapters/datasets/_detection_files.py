@@ -27,6 +27,7 @@ from catfree.adapters.files._documents import (
 from catfree.adapters.files._text_rows import read_csv
 from catfree.adapters.tables._coco import is_coco, read_coco
 from catfree.adapters.tables._detections_table import (
+    is_of_catfree,
     open_detections_table,
     optional_columns,
 )
@@ -95,7 +96,8 @@ def read_detections(
     Args:
         paths: a file or folder, or the cameras' files in their order.
         camera_names: (C,) names of the cameras in the order of the scene, to which those of the
-            files are matched; None for the order of the files.
+            files are matched; None for the order of the files. Numbers of cameras in a table are
+            names if all of them are among these, else positions among them, from 0.
         frame_rate: frames per second, for the clock, whose start and kind stay those of the files;
             None to keep the clock of the files, if any. That of uniform JSON has its `fps`, which
             counts the instants, whatever their numbers.
@@ -108,7 +110,7 @@ def read_detections(
             among `camera_names`.
         FileFormatError: if a file holds something else.
     """
-    boxes = read_camera_boxes(paths, frame_rate=frame_rate)
+    boxes = read_camera_boxes(paths, camera_names, frame_rate=frame_rate)
     if camera_names is None:
         return boxes.detections, boxes.camera_names
     camera_index = positions_of(boxes.camera_names, camera_names)
@@ -125,9 +127,17 @@ def read_detections(
 
 
 def read_camera_boxes(
-    paths: StrPath | Sequence[StrPath], *, frame_rate: float | int | None = None
+    paths: StrPath | Sequence[StrPath],
+    camera_names: Sequence[str] | None = None,
+    *,
+    frame_rate: float | int | None = None,
 ) -> CameraBoxes:
-    """Do what `read_detections` does, and keep the sizes of images that the files state.
+    """Do what `read_detections` does, and keep what the files say about cameras and images.
+
+    Args:
+        paths: as `read_detections`.
+        camera_names: what numbers of cameras refer to; names of cameras stay those of the files.
+        frame_rate: as `read_detections`.
 
     Raises:
         CatFreeError: as `read_detections`.
@@ -140,8 +150,9 @@ def read_camera_boxes(
             raise InvalidInputError(f"There is no file or folder {path} with boxes.")
     if len(files) == 1:
         files = _files_of(files[0])
-    parts = _read_all(files)
-    boxes = _joined(parts, files)
+    known = tuple(camera_names or ())
+    parts = _read_all(files, known)
+    boxes = _joined(parts, files, known)
     if frame_rate is None:
         return boxes
     stated = boxes.detections.clock
@@ -154,7 +165,7 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
 
     Args:
         path: a CSV or Parquet table with the columns frame and camera.
-        camera_names: (C,) names of the cameras; the column holds names, or numbers from 0.
+        camera_names: (C,) names of the cameras; the column holds names, or else numbers from 0.
 
     Returns:
         (K, 2) frame and camera.
@@ -181,9 +192,11 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
         raise FileFormatError(
             f"{source} is not a table of missing pictures: it has no columns frame and camera."
         )
-    camera_index = {str(index): index for index in range(len(camera_names))}
-    camera_index |= {name: index for index, name in enumerate(camera_names)}
     cameras = [str(word).strip() for word in table[plain[camera]]]
+    camera_index = {name: index for index, name in enumerate(camera_names)}
+    numbered = {str(index): index for index in range(len(camera_names))}
+    if not set(cameras) <= set(camera_index) and set(cameras) <= set(numbered):
+        camera_index = numbered
     for line, word in zip(lines, cameras, strict=True):
         if word not in camera_index:
             raise FileFormatError(
@@ -229,7 +242,7 @@ def _files_of(source: Path) -> list[Path]:
     )
 
 
-def _read_all(files: list[Path]) -> list[_Part]:
+def _read_all(files: list[Path], known: tuple[str, ...]) -> list[_Part]:
     """Read every file; a data set of COCO tells the images of results beside it."""
     if len(files) > 1 and all(path.suffix.lower() == ".json" for path in files):
         documents = [read_json(path, "boxes") for path in files]
@@ -237,13 +250,13 @@ def _read_all(files: list[Path]) -> list[_Part]:
         if is_list.count(False) == 1 and is_coco(documents[is_list.index(False)]):
             images = files.pop(is_list.index(False))
             return [_part_of_coco(path, images) for path in files]
-    return [_read(path) for path in files]
+    return [_read(path, known) for path in files]
 
 
-def _read(path: Path) -> _Part:
+def _read(path: Path, known: tuple[str, ...]) -> _Part:
     suffix = path.suffix.lower()
     if path.is_dir() or suffix == ".parquet":
-        return _part_of_parquet(path)
+        return _part_of_parquet(path, known)
     if suffix == ".npz":
         return _Part(Detections.load(path))
     if suffix == ".json":
@@ -259,7 +272,7 @@ def _read(path: Path) -> _Part:
         table = read_csv(path, "boxes")
         if not all(map(_is_number, table.header)):
             _plain_names(table.header, path)
-            return _part_of_table(table.columns(), path)
+            return _part_of_table(table.columns(), path, known)
     if suffix not in SUFFIXES:
         raise FileFormatError(
             f"{path} is not a file of boxes that is known: {', '.join(SUFFIXES)}."
@@ -272,14 +285,16 @@ def _part_of_coco(path: Path, images: Path | None) -> _Part:
     return _Part(*boxes, one_camera=boxes.camera_names is None)
 
 
-def _part_of_parquet(path: Path) -> _Part:
+def _part_of_parquet(path: Path, known: tuple[str, ...]) -> _Part:
     if path.is_dir():
         with reading(path):
             table = open_detections_table(path).to_table()
     else:
         table = read_parquet(path, "boxes")
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]
-    part = _part_of_table(values_of(table, plain, path), path)
+    # The numbers in a table of catfree are positions, as those of `Detections`.
+    names = () if is_of_catfree(table) else known
+    part = _part_of_table(values_of(table, plain, path), path, names)
     options = optional_columns(table, path)
     with naming_file(path):
         detections = replace(part.detections, **options)
@@ -294,7 +309,7 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
+def _part_of_table(table: dict[str, Any], path: Path, known: tuple[str, ...]) -> _Part:
     """Take detections from columns with usual names; numbers may be text."""
     plain = _plain_names(list(table), path)
     frame = _first(_FRAME, plain)
@@ -311,19 +326,7 @@ def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
     columns = {name: _numbers(table[plain[name]], plain[name], path) for name in wanted}
     names = None
     if camera is not None:
-        cameras = np.asarray(table[plain[camera]])
-        if cameras.dtype.kind in "OUST":
-            words = [str(word).strip() for word in cameras.tolist()]
-            if "" in words:
-                raise FileFormatError(
-                    f"{path}: column {quoted(plain[camera])} is empty in some rows. Fill them."
-                )
-            if words and all(_is_number(word) and float(word).is_integer() for word in words):
-                cameras = _numbers(words, plain[camera], path)  # "2.0" is one, too
-            else:
-                names = tuple(sorted(set(words), key=natural_order))
-                cameras = np.array(words)
-        columns[camera] = cameras
+        columns[camera], names = _cameras(table[plain[camera]], plain[camera], path, known)
     with naming_file(path):
         detections = Detections.from_table(
             columns,
@@ -335,6 +338,23 @@ def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
             camera_names=names,
         )
     return _Part(detections, names, one_camera=camera is None)
+
+
+def _cameras(
+    column: Any, name: str, path: Path, known: tuple[str, ...]
+) -> tuple[np.ndarray, tuple[str, ...] | None]:
+    """Take cameras as numbers, or as names together with all names that there are."""
+    cameras = np.asarray(column)
+    words = [str(word).strip() for word in cameras.tolist()]
+    if "" in words:
+        raise FileFormatError(f"{path}: column {quoted(name)} is empty in some rows. Fill them.")
+    names = set(words)
+    if not names or not names <= set(known):
+        if cameras.dtype.kind not in "OUST":
+            return cameras, None
+        if all(_is_number(word) and float(word).is_integer() for word in names):
+            return _numbers(words, name, path), None  # "2.0" is one, too
+    return np.array(words), tuple(sorted(names, key=natural_order))
 
 
 def _plain_names(names: Sequence[str], path: Path) -> dict[str, str]:
@@ -373,7 +393,7 @@ def _numbers(values: Any, name: str, path: Path) -> np.ndarray:
         ) from error
 
 
-def _joined(parts: list[_Part], files: list[Path]) -> CameraBoxes:
+def _joined(parts: list[_Part], files: list[Path], known: tuple[str, ...]) -> CameraBoxes:
     """Join the boxes of files: one per camera, or each with those of several."""
     alone = [part.one_camera for part in parts]
     if all(alone):
@@ -398,7 +418,7 @@ def _joined(parts: list[_Part], files: list[Path]) -> CameraBoxes:
     names = first.names
     if names is None:
         count = int(detections.camera.max(initial=-1)) + 1
-        names = numbered_names(count)
+        names = known if count <= len(known) else numbered_names(count)
     return CameraBoxes(detections, names, first.size)
 
 

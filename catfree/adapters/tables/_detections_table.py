@@ -95,6 +95,11 @@ def read_detections_parquet(
         return Detections(column["frame"], column["camera"], box, **options)
 
 
+def is_of_catfree(table: "pyarrow.Table") -> bool:
+    """Return whether `write_detections_parquet` wrote a table."""
+    return _CLOCK in (table.schema.metadata or {})
+
+
 def optional_columns(table: "pyarrow.Table", path: StrPath) -> dict[str, Any]:
     """Confirmed ankles, embeddings (N, D), keypoints (N, 17, 3) and clock, if a table has them.
 

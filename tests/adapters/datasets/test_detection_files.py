@@ -212,6 +212,46 @@ def test_numbers_of_cameras_may_be_written_as_floats(boxes, tmp_path):
     assert names == ("1.5", "2.5", "3.5")
 
 
+@given(
+    st.lists(st.integers(0, 12).map(str), min_size=3, max_size=5, unique=True),
+    st.lists(st.integers(0, 2), min_size=1, max_size=6),
+    st.sampled_from(["csv", "words.parquet", "numbers.parquet"]),
+)
+def test_cameras_named_by_numbers_are_read_by_name(tmp_path_factory, names, cameras, kind):
+    count = len(cameras)
+    boxes = cf.Detections(range(count), cameras, np.tile([1.0, 2, 3, 9], (count, 1)))
+    columns = columns_of(boxes, names)
+    del columns["score"]
+    path = tmp_path_factory.mktemp("boxes") / f"boxes.{kind}"
+    if kind == "csv":
+        write_csv(path, columns)
+    else:
+        if kind.startswith("numbers"):
+            columns["camera"] = columns["camera"].astype(int)
+        arrow, parquet = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
+        parquet.write_table(arrow.table(columns), path)
+    read, given_back = cf.read_detections(path, names)
+    assert given_back == tuple(names)
+    np.testing.assert_array_equal(read.camera, cameras)
+    # What catfree wrote has positions.
+    boxes.save(path.with_suffix(".npz"))
+    write_detections_parquet(path.with_suffix(".parquet"), boxes)
+    for own in (path.with_suffix(".npz"), path.with_suffix(".parquet")):
+        np.testing.assert_array_equal(cf.read_detections(own, names)[0].camera, cameras)
+
+
+def test_numbers_that_are_not_all_names_are_positions(boxes, tmp_path):
+    path = write_csv(tmp_path / "boxes.csv", columns_of(boxes))
+    for names in (("1", "2", "3", "4"), ("C2", "C1", "C3")):
+        read = read_camera_boxes(path, names)
+        assert read.camera_names == names
+        np.testing.assert_array_equal(read.detections.camera, boxes.camera)
+    missing = write_csv(tmp_path / "missing.csv", {"frame": [3, 4, 5], "camera": [1, 2, 3]})
+    read_missing = cf.adapters.datasets.read_missing_pictures
+    assert read_missing(missing, "1234")[:, 1].tolist() == [0, 1, 2]
+    assert read_missing(missing, "2345")[:, 1].tolist() == [1, 2, 3]
+
+
 def test_a_number_of_a_camera_beyond_all_rigs_is_refused(boxes, tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(f"frame,camera,x1,y1,x2,y2\n0,{10**12},1,2,3,9\n")
