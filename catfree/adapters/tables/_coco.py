@@ -18,7 +18,7 @@ from catfree.adapters.files._documents import (
     numbers_of,
     read_json,
 )
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Detections
 from catfree.types._validation import as_path
 
@@ -65,7 +65,8 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     Raises:
         InvalidInputError: if there is no such file, or a box has no area or a score is invalid.
         FileFormatError: naming the first entry that has another form, or whose image is unknown,
-            two images of one camera and frame, or an image of another size than the camera's first.
+            two images of one camera and frame, or an image of another size than the camera's first,
+            or if no box is of a person.
     """
     source = as_path(path, "path")
     document = read_json(source, "boxes in COCO's form")
@@ -80,9 +81,12 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     categories = _people(described)
     frame, camera, corners, score = [], [], [], []
     files: dict[tuple[str, int], Any] = {}
+    others = []
     for at, row in enumerate(rows):
         where = f"box {at}"
-        if row.get("category_id", PERSON) not in categories if isinstance(row, dict) else False:
+        category = row.get("category_id", PERSON) if isinstance(row, dict) else PERSON
+        if category not in categories:
+            others.append(str(category))
             continue
         name = entry(row, "image_id", source, where)
         image = None
@@ -106,6 +110,13 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
         corners.append(np.concatenate([box[:2], box[:2] + box[2:]]))
         if "score" in row:
             score.append(float(numbers(row["score"], (), source, f"score of {where}")))
+    if others and not frame:
+        raise FileFormatError(
+            f"{source}: no box is of a person, whose category_id is "
+            f"{' or '.join(map(str, categories))}; the boxes have "
+            f"{shortened(', '.join(sorted(set(others), key=natural_order)))}. Correct that of the "
+            "people, or give the data set that names the categories, too."
+        )
     if score and len(score) < len(frame):
         raise FileFormatError(f"{source}: some boxes have a score, but not all.")
     names = {image.camera for image in images_by_id.values()} | set(camera)

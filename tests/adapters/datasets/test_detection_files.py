@@ -285,6 +285,20 @@ def test_a_data_set_of_coco_tells_the_images_of_results(suffix, boxes, tmp_path)
         read_coco(results, described)
 
 
+def test_results_without_people_name_their_categories(tmp_path):
+    shown = {"image_id": 1, "bbox": [1, 2, 9, 60]}
+    results, described = tmp_path / "results.json", tmp_path / "instances.json"
+    results.write_text(json.dumps([shown | {"category_id": other} for other in (10, 0, 2)]))
+    with pytest.raises(FileFormatError, match="category_id is 1; the boxes have 0, 2, 10"):
+        cf.read_detections(results)
+    categories = [{"id": 0, "name": "person"}]
+    images = [{"id": 1, "file_name": "C1/1.png"}]
+    described.write_text(json.dumps({"images": images, "categories": categories}))
+    assert len(cf.read_detections([results, described])[0]) == 1
+    results.write_text("[]")
+    assert len(cf.read_detections(results)[0]) == 0
+
+
 def test_a_folder_of_tables_may_name_its_cameras(boxes, tmp_path):
     pyarrow = pytest.importorskip("pyarrow")
     parquet = pytest.importorskip("pyarrow.parquet")
