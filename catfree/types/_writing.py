@@ -47,6 +47,8 @@ def remove_abandoned(folder: str | os.PathLike[str]) -> None:
 def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> Iterator[Path]:
     """Yield an empty file that replaces `path` when the block ends without an error.
 
+    If `path` is a link, the file that it leads to is replaced, and the link stays.
+
     It is in the same folder, under a random name, so that no link can be planted there beforehand,
     and its path is absolute, as FFmpeg takes what precedes a colon for a protocol.
 
@@ -56,11 +58,14 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
             that of `path`.
 
     Raises:
-        InvalidInputError: if the folder does not exist, or the path is a folder or no path.
+        InvalidInputError: if the folder does not exist, or the path is a folder, a device, a pipe
+            or no path.
         WriteError: if the disk is full or not writable; no partial file is left behind.
     """
     target = as_path(path, "path")
     try:
+        if target.is_symlink():
+            target = Path(os.path.realpath(target))
         if not target.parent.is_dir():
             raise InvalidInputError(
                 f"Cannot write {target}: the folder {target.parent} does not exist. Create it "
@@ -68,6 +73,10 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
             )
         if target.is_dir():
             raise InvalidInputError(f"Cannot write {target}: it is a folder. Name a file in it.")
+        if target.exists() and not target.is_file():
+            raise InvalidInputError(
+                f"Cannot write {target}: it is a device or a pipe. Name a file instead."
+            )
         ending = target.suffix if suffix is None else suffix
         name = f"{_PREFIX}{uuid.uuid4().hex}{ending[:_LONGEST_SUFFIX]}"
         temporary = target.absolute().with_name(name)

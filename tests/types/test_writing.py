@@ -22,6 +22,32 @@ def test_a_link_at_any_former_temporary_name_is_not_followed(tmp_path):
     assert (tmp_path / "a.png").read_bytes() == b"new"
 
 
+def test_a_link_stays_and_the_file_that_it_leads_to_is_replaced(tmp_path):
+    (tmp_path / "far").mkdir()
+    file, near = tmp_path / "far/scene.json", tmp_path / "near.json"
+    (tmp_path / "scene.json").symlink_to(near)
+    near.symlink_to("far/scene.json")
+    for content in (b"first", b"second"):  # the file need not exist
+        with replacing(tmp_path / "scene.json") as stream:
+            stream.write(content)
+        assert file.read_bytes() == content
+        assert (tmp_path / "scene.json").is_symlink()
+        assert near.is_symlink()
+    assert sorted(os.listdir(tmp_path / "far")) == ["scene.json"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes that have a path")
+def test_a_pipe_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    for name in ("pipe", "link"):
+        refused = pytest.raises(InvalidInputError, match="pipe: it is a device or a pipe")
+        with refused, replacing(tmp_path / name):
+            pass
+    assert (tmp_path / "pipe").is_fifo()
+    assert sorted(os.listdir(tmp_path)) == ["link", "pipe"]
+
+
 def test_temporary_names_differ_keep_the_suffix_and_are_known(tmp_path):
     seen = set()
     for _ in range(3):
