@@ -122,7 +122,7 @@ def test_a_camera_that_fits_refers_to_the_warning_that_names_it(tmp_path, monkey
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--since", "99"], "since is frame 99, but the last boxes are of frame 3"),
+        (["--since", "99"], "since is frame 99, but the boxes are of frames"),
         (["--videos", "a.mp4", "b.mp4"], "--videos and --blur are for the page"),
         (["--blur"], "--videos and --blur are for the page"),
     ],

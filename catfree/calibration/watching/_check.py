@@ -162,16 +162,19 @@ def require_since(since: int | None, detections: Detections) -> int | None:
     """Return the frame number before which the cameras fit, or None if none is given.
 
     Raises:
-        InvalidInputError: if it is after the last boxes.
+        InvalidInputError: if there are no boxes before it, or none from it on.
     """
     if since is None:
         return None
-    frame, end = as_count(since, "since"), int(detections.frame.max(initial=-1))
-    if frame > end >= 0:
-        raise InvalidInputError(
-            f"since is frame {frame}, but the last boxes are of frame {end}: nothing is left to "
-            "check. Give a frame number of the recording."
-        )
+    frame = as_count(since, "since")
+    if len(detections):
+        first, last = int(detections.frame.min()), int(detections.frame.max())
+        if not first < frame <= last:
+            raise InvalidInputError(
+                f"since is frame {frame}, but the boxes are of frames {first} to {last}: cameras "
+                "are compared with the frames before it, and checked from it on. Give a frame "
+                "number in between, or leave it out to compare with the scene."
+            )
     return frame
 
 
@@ -209,9 +212,9 @@ def check(
         A verdict on each camera with what to do.
 
     Raises:
-        InvalidInputError: if the arguments do not fit each other, `since` is after the last frame,
-            two cameras have the same boxes, or many boxes of a camera are outside its image. Also
-            if there is not one name per camera.
+        InvalidInputError: if the arguments do not fit each other, there are no boxes before `since`
+            or none from it on, two cameras have the same boxes, or many boxes of a camera are
+            outside its image. Also if there is not one name per camera.
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """

@@ -5,6 +5,7 @@ import pytest
 
 import catfree as cf
 from catfree.calibration import Verdict, check
+from catfree.calibration.watching._check import require_since
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.synthetic import make_world
 from tests.calibration.watching.bumped import on_clock, renumber, turn_camera
@@ -117,10 +118,14 @@ def test_a_negative_lag_to_look_for_is_refused(world, quiet):
         check(world.true_scene, quiet, maximum_offset=-1)
 
 
-def test_a_trusted_frame_after_the_end_is_refused(world, quiet):
-    last = int(quiet.frame.max())
-    with pytest.raises(InvalidInputError, match=f"since is frame {last + 1}, .* frame {last}:"):
-        check(world.true_scene, quiet, since=last + 1)
+def test_a_trusted_frame_needs_boxes_before_it_and_from_it_on(world, quiet):
+    first, last = int(quiet.frame.min()), int(quiet.frame.max())
+    for since in (first - 5, first, last + 1):
+        refused = f"since is frame {since}, .* frames {first} to {last}: cameras are compared"
+        with pytest.raises(InvalidInputError, match=refused):
+            check(world.true_scene, quiet, since=since)
+    for since in (first + 1, last):
+        assert require_since(since, quiet) == since
     with pytest.raises(InsufficientDataError, match="boxes"):
         check(world.true_scene, cf.Detections([], [], np.zeros((0, 4))), since=1)
 
