@@ -3,7 +3,10 @@
 Fatal mistakes raise; others become warnings.
 """
 
+import itertools
+import math
 import os
+import re
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -13,7 +16,8 @@ from jaxtyping import Int
 
 from catfree.adapters import SceneSource, read_scene
 from catfree.adapters.datasets._detection_files import CameraBoxes
-from catfree.adapters.files._camera_names import is_numbered, positions_of
+from catfree.adapters.files._camera_names import files_ending, is_numbered, positions_of
+from catfree.adapters.files._documents import IMAGE_SUFFIXES
 from catfree.adapters.files._fingerprint import hash_samples
 from catfree.adapters.video import SynchronizedVideos
 from catfree.adapters.video._video_sources import ImageFolder
@@ -140,7 +144,7 @@ def footage_warnings(videos: SynchronizedVideos) -> tuple[str, ...]:
     """
     need_all = videos.fewest_cameras == videos.camera_count
     gaps = dropped_instants(videos) if need_all else missing_pictures(videos)
-    return lost_footage(videos) + gaps + unknown_times(videos)
+    return lost_footage(videos) + gaps + missing_images(videos) + unknown_times(videos)
 
 
 def missing_pictures(videos: SynchronizedVideos) -> tuple[str, ...]:
@@ -177,6 +181,35 @@ def dropped_instants(videos: SynchronizedVideos) -> tuple[str, ...]:
         for one in videos.footage
         if one.dropped
     )
+
+
+def missing_images(videos: SynchronizedVideos) -> tuple[str, ...]:
+    """Warn about folders whose images are numbered with gaps, where no table states their times.
+
+    Args:
+        videos: on their common clock.
+
+    Returns:
+        One sentence per such camera: its first number without an image.
+    """
+    warnings = []
+    for one, timeless in zip(videos.footage, videos.timeless, strict=True):
+        if not (timeless and one.path.is_dir()):
+            continue
+        files = files_ending(one.path, IMAGE_SUFFIXES)
+        digits = [re.findall(r"\d+", file.stem)[-1:] for file in files]
+        numbers = [int(last[0]) for last in digits if last]
+        steps = [after - before for before, after in itertools.pairwise(numbers)]
+        step = math.gcd(*steps)
+        # Where no two neighbors are one step apart, the numbers do not count images.
+        if len(numbers) == len(files) and steps and max(steps) > step == min(steps):
+            at = next(n for n, wide in enumerate(steps) if wide > step)
+            warnings.append(
+                f"Camera {quoted(one.name)} has no image of number {numbers[at] + step} in "
+                f"{one.path}: after {files[at].name} comes {files[at + 1].name}, which is taken "
+                "for the next instant of all cameras. Add the image, or a timestamps.csv."
+            )
+    return tuple(warnings)
 
 
 def unknown_times(videos: SynchronizedVideos) -> tuple[str, ...]:

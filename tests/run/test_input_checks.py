@@ -10,6 +10,7 @@ from hypothesis import given, strategies as st
 
 from catfree._run._input_checks import (
     clock_warnings,
+    footage_warnings,
     lost_footage,
     order_like,
     require_distinct_videos,
@@ -67,6 +68,36 @@ def write_images(folder, names, seed=0, suffix="png"):
         picture = np.random.default_rng([seed, number]).integers(0, 255, (8, 8, 3))
         cv2.imwrite(str(folder / f"{name}.{suffix}"), picture.astype(np.uint8))
     return folder
+
+
+@given(
+    first=st.integers(0, 120),
+    step=st.integers(1, 25),
+    count=st.integers(3, 8),
+    gap=st.integers(1, 6),
+    name=st.sampled_from(["{:06d}", "C2_{}", "{}"]),
+)
+def test_a_gap_in_the_numbers_of_images_is_named(tmp_path_factory, first, step, count, gap, name):
+    numbers = [first + step * number for number in range(count)]
+    folder = tmp_path_factory.mktemp("images")
+    whole = write_images(folder / "whole", [name.format(number) for number in numbers])
+    assert footage_warnings(SynchronizedVideos([whole])) == ()
+    lost = min(gap, count - 2)
+    left = numbers[:lost] + numbers[lost + 1 :] + [numbers[-1] + step]
+    cut = write_images(folder / "cut", [name.format(number) for number in left])
+    (said,) = footage_warnings(SynchronizedVideos([whole, cut], fewest_cameras=2))
+    before, after = (f"{name.format(left[at])}.png" for at in (lost - 1, lost))
+    assert f"'cut' has no image of number {numbers[lost]} in {cut}: after {before} comes" in said
+    assert after in said
+    times = "".join(f"{at},{at / 5}\n" for at in range(count))
+    (cut / "timestamps.csv").write_text("frame_id,timestamp_s\n" + times)
+    assert footage_warnings(SynchronizedVideos([cut])) == ()
+
+
+@pytest.mark.parametrize("names", [["0", "7", "11"], ["a", "b"], ["1_1", "2_1", "x"], ["5"]])
+def test_images_without_even_numbers_lack_none(names, tmp_path):
+    folder = write_images(tmp_path / "images", names)
+    assert footage_warnings(SynchronizedVideos([folder])) == ()
 
 
 def test_equal_folders_of_two_names_are_refused(tmp_path):
