@@ -24,6 +24,7 @@ from catfree.cli._inputs import (
     open_videos,
     require_files,
     require_offset,
+    require_other_folder,
     settings_of,
 )
 from catfree.cli._shard_commands import join, plan, run_sites, shard
@@ -275,6 +276,7 @@ def localize(
 
     require_offset(max_offset)
     settings, known_anchors = settings_of(method), open_anchors(anchors)
+    require_other_folder(out, boxes)
     known_scene, names = open_scene(scene, unit, image_size)
     camera_boxes = open_boxes(boxes, frame_rate, image_size, silent, names)
     print_table(_box_table(camera_boxes), aside=True)

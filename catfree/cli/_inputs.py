@@ -79,6 +79,20 @@ def require_offset(largest: int) -> None:
     as_count(largest, "--max-offset", least=0)
 
 
+def require_other_folder(out: Path, boxes: tuple[Path, ...]) -> None:
+    """Raise if results would be written beside the boxes that they are of.
+
+    Raises:
+        InvalidInputError: naming the folder.
+    """
+    folders = (path if os.path.isdir(path) else path.parent for path in boxes)
+    if os.path.realpath(out) in map(os.path.realpath, folders):
+        raise InvalidInputError(
+            f"--out is {out}, the folder of the boxes, which would be replaced by those of the "
+            "results or read together with them. Name another folder."
+        )
+
+
 @contextlib.contextmanager
 def folder_of_results(out: Path) -> Iterator[None]:
     """Make the folder of the results before the work; remove it if nothing is written there.

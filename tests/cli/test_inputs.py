@@ -8,6 +8,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from catfree import cli
 from catfree.adapters import write_scene_json
 from catfree.adapters.datasets import _scene_files
 from catfree.cli._inputs import (
@@ -20,6 +21,7 @@ from catfree.cli._inputs import (
     open_scene,
     open_videos,
     require_files,
+    require_other_folder,
     settings_of,
 )
 from catfree.errors import CatFreeError, InvalidInputError
@@ -131,6 +133,22 @@ def test_scenes_of_both_formats(tmp_path):
         opened, names = open_scene(tmp_path / name)
         np.testing.assert_allclose(opened.rig.t, scene.rig.t)
         assert names == called
+
+
+def test_results_are_not_written_beside_their_boxes(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("tyro")
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "boxes"
+    folder.mkdir()
+    for name in ("a", "b"):
+        (folder / f"{name}.txt").write_text("1,-1,1,1,5,9,1\n")
+    (tmp_path / "link").symlink_to("boxes")
+    for out in ("boxes", str(folder), "link", "boxes/../boxes"):
+        for boxes in (["boxes"], ["boxes/a.txt", "boxes/b.txt"]):
+            assert cli.main(["localize", *boxes, "--out", out]) == 1
+            assert f"--out is {out}, the folder of the boxes" in capsys.readouterr().err
+    assert len(list(folder.iterdir())) == 2
+    require_other_folder(folder / "results", (folder,))
 
 
 def test_a_folder_of_results_is_left_only_with_results(tmp_path):
