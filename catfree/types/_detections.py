@@ -366,10 +366,10 @@ def _column_names(table: Any) -> list[str]:
 def _camera_indices(cameras: np.ndarray, names: Sequence[str] | None) -> np.ndarray:
     """Return the index of each camera, which is given by its index, or by its name."""
     if names is None:
-        if cameras.dtype.kind in "OUST":
+        if len(cameras) and cameras.dtype.kind in "OUST":
             raise InvalidInputError(
-                f"Cameras are named, as {quoted(str(cameras[0]) if len(cameras) else '')}. Pass "
-                "camera_names=, the names in the order of the scene's cameras."
+                f"Cameras are named, as {quoted(str(cameras[0]))}. Pass camera_names=, the names "
+                "in the order of the scene's cameras."
             )
         return as_integer(cameras, "camera")
     if isinstance(names, str):

@@ -115,6 +115,14 @@ def test_boxes_of_cameras_named_by_numbers(world, tmp_path, capsys):
     np.testing.assert_allclose(read_tracks(out).to_rows(), expected.to_rows(), atol=0.01)
 
 
+def test_boxes_without_a_row_are_of_all_cameras(world, tmp_path, capsys):
+    (tmp_path / "boxes.csv").write_text("frame,camera,x1,y1,x2,y2\n")
+    write_scene_json(tmp_path / "scene.json", world.scene, NAMES)
+    words = ["localize", str(tmp_path / "boxes.csv"), "--scene", str(tmp_path / "scene.json")]
+    assert cli.main([*words, "--out", str(tmp_path / "out"), "--no-pictures"]) == 0
+    assert "from 3 of 3 cameras" in capsys.readouterr().out
+
+
 def test_a_box_in_a_missing_picture_is_told_before_the_cameras_are_found(boxes, tmp_path, capsys):
     (tmp_path / "missing.csv").write_text("frame,camera\n3,west\n")
     words = ["localize", str(boxes), "--image-size", *map(str, SIZE), "--out", str(tmp_path / "o")]

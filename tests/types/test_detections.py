@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -203,6 +204,19 @@ def test_tables_become_detections_and_back(library):
     for name in ("frame", "camera", "box", "score"):
         np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
     assert found.clock == Clock(5)
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars", "dictionary"])
+def test_a_table_without_rows_names_no_camera(library):
+    columns: Any = {name: [] for name in ("frame", "camera", "x1", "y1", "x2", "y2")}
+    if library == "pandas":
+        table = pytest.importorskip("pandas").DataFrame([], columns=list(columns))
+    else:
+        table = (
+            columns if library == "dictionary" else pytest.importorskip(library).DataFrame(columns)
+        )
+    for names in (None, ["a", "b"]):
+        assert len(Detections.from_table(table, camera_names=names)) == 0
 
 
 def test_the_table_of_pandas_has_the_usual_names():
