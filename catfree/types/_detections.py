@@ -265,12 +265,19 @@ class Detections(eqx.Module):
             clock: of the frames.
 
         Raises:
-            InvalidInputError: if a value is something else, only some have confidences, or a camera
-                is not among `camera_names`.
+            InvalidInputError: if cameras or their values are something else, only some have
+                confidences, or a camera is not among `camera_names`.
         """
         first = as_count(frame, "frame")
+        keys = list(boxes) if isinstance(boxes, Mapping) else [boxes]
+        for key in keys:
+            if not isinstance(boxes, Mapping) or not isinstance(key, int | np.integer | str):
+                raise InvalidInputError(
+                    "boxes must be a dictionary from the index or name of each camera to its "
+                    f"supervision.Detections, such as {{0: left, 1: right}}, got {quoted(key)}."
+                )
         parts = []
-        cameras = _camera_indices(np.array(list(boxes)), camera_names)
+        cameras = _camera_indices(np.array(keys), camera_names)
         for camera, camera_boxes in zip(cameras.tolist(), boxes.values(), strict=True):
             images = [camera_boxes] if hasattr(camera_boxes, "xyxy") else camera_boxes
             if not isinstance(images, Sequence):

@@ -283,3 +283,12 @@ def test_boxes_of_supervision():
     ]:
         with pytest.raises(InvalidInputError, match=sentence):
             Detections.from_supervision(given_boxes)
+
+
+@pytest.mark.parametrize("names", [None, ["a", "b"]])
+@pytest.mark.parametrize("boxes", [{(0, 1): []}, {0.5: []}, {0: [], None: []}])
+def test_boxes_of_supervision_are_by_camera(boxes, names):
+    with pytest.raises(
+        InvalidInputError, match="boxes must be a dictionary from the index or name"
+    ):
+        Detections.from_supervision(boxes, camera_names=names)

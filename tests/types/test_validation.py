@@ -201,6 +201,8 @@ calls = {
     "passes is 2.5; it must be a whole number": lambda: EvidenceSettings(passes=2.5),
     "must be a tuple of 3 numbers, each 0 or": lambda: EvidenceSettings(edge_noise=(0.1, 0.1)),
     "must be a tuple of 2 numbers, each 0 or": lambda: EvidenceSettings(cover_ramp=[0.1, 0.2]),
+    "each camera to its supervision.Detections": lambda: cf.Detections.from_supervision([none]),
+    "such as {0: left, 1: right}, got [1, 2]": lambda: cf.Detections.from_supervision([1, 2]),
     "Each part must be a Detections, got int": lambda: cf.Detections.concatenate([none, 3]),
     "frame goes from": lambda: boxes([-(2**62), 2**62]),
     "camera 0 is 1": lambda: write_scene_json(f"{folder}/scene.json", scene, names),
