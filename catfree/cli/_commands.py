@@ -222,7 +222,7 @@ def run(
         out,
         outcome,
         settings,
-        videos=outcome.videos,
+        videos=outcome.videos or footage,
         pictures=drawn,
         embeddings=embeddings,
         blur=blur,
@@ -230,7 +230,7 @@ def run(
     )
     if overlay:
         with progress_bars() as progress:
-            write_overlay(out, outcome.videos, outcome, progress, blur=blur)
+            write_overlay(out, outcome.videos or footage, outcome, progress, blur=blur)
     warn(outcome.warnings)
     print_result(outcome, out)
 

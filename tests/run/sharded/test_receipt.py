@@ -93,7 +93,5 @@ def test_an_entry_that_is_missing_is_damage(tmp_path):
     path = tmp_path / "a.json"
     write_receipt(path, receipt())
     path.write_text(path.read_text().replace('"boxes_used"', '"used"'))
-    with pytest.raises(
-        FileFormatError, match=r"a\.json is damaged .it lacks 'boxes_used'.\. Run"
-    ):
+    with pytest.raises(FileFormatError, match=r"a\.json is damaged .it lacks 'boxes_used'.\. Run"):
         read_receipt(path)
