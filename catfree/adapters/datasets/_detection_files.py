@@ -165,7 +165,8 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
 
     Args:
         path: a CSV or Parquet table with the columns frame and camera.
-        camera_names: (C,) names of the cameras; the column holds names, or else numbers from 0.
+        camera_names: (C,) names of the cameras; the column holds names, or numbers from 0 where
+            there is no such name. A column of numbers that are not all names is one of numbers.
 
     Returns:
         (K, 2) frame and camera.
@@ -193,10 +194,10 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
             f"{source} is not a table of missing pictures: it has no columns frame and camera."
         )
     cameras = [str(word).strip() for word in table[plain[camera]]]
-    camera_index = {name: index for index, name in enumerate(camera_names)}
+    named = {name: index for index, name in enumerate(camera_names)}
     numbered = {str(index): index for index in range(len(camera_names))}
-    if not set(cameras) <= set(camera_index) and set(cameras) <= set(numbered):
-        camera_index = numbered
+    only_numbers = set(cameras) <= numbered.keys() and not set(cameras) <= named.keys()
+    camera_index = numbered if only_numbers else numbered | named
     for line, word in zip(lines, cameras, strict=True):
         if word not in camera_index:
             raise FileFormatError(
