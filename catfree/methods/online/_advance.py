@@ -83,10 +83,10 @@ def advance(
     boxes = prepare_boxes(detections, scene.rig, settings, pictures, np.zeros(1, np.int64))
     views = ground_views(scene, unit, boxes)
     measured = measure_boxes(boxes, views, noise, settings)
-    likeness = likeness_of(learned)
+    likeness = likeness_of(learned, settings)
     ratios = None
     if boxes.embedding is not None and likeness is not None:
-        ratios = PairRatios(boxes.embedding, likeness, settings.appearance_weight)
+        ratios = PairRatios(boxes.embedding, likeness)
         state = with_looks(state, boxes.embedding.dim)
 
     motion = motion_of(learned.steps, settings)

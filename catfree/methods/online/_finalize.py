@@ -179,10 +179,10 @@ def finalize(
     last = np.r_[np.diff(trails.track) != 0, True]
     weight = of_trails("weight")[last][np.cumsum(np.r_[0, last[:-1]])]
     info = Information(column("matrix"), column("vector"), np.zeros(len(trails)))
-    likeness = likeness_of(learned) if settings.link_by_looks else None
+    likeness = likeness_of(learned, settings) if settings.link_by_looks else None
     looks = None
     if likeness is not None:
-        looks = Looks(column("look"), column("boxes"), likeness, settings.appearance_weight)
+        looks = Looks(column("look"), column("boxes"), likeness)
     covariance, sharp = sharp_positions(
         trails.covariance, of_trails("shift"), probability, settings
     )

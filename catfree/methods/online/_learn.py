@@ -106,10 +106,9 @@ def learn_noise_and_unit(
     seen = observe_boxes(sample, scene, unit, noise, settings, state.missing)
     seen = group_boxes(seen, settings)
     ratios = learn_ratios(seen.boxes, seen.groups, settings)
-    likeness_numbers = learned.likeness
+    likeness = learned.likeness
     if ratios is not None:
-        likeness = ratios.likeness
-        likeness_numbers = np.array([*likeness.same, *likeness.other, likeness.limit])
+        likeness = np.array([ratios.likeness.same, ratios.likeness.other])
     trials, hits, clutter = learned.trials, learned.hits, learned.clutter
     if state.count <= SETTLED:
         # Count all instants so far again: they were seen with less settled noise.
@@ -125,19 +124,19 @@ def learn_noise_and_unit(
         trials=trials,
         hits=hits,
         clutter=clutter,
-        likeness=likeness_numbers,
+        likeness=likeness,
         steps=learned.steps * np.array([length**2, 1]),
         places=learned.places * np.array([length, length, length, 1]),
     )
     return rescaled(replace(state, learned=learned), length, 1.0)
 
 
-def likeness_of(learned: Learned) -> Likeness | None:
+def likeness_of(learned: Learned, settings: EvidenceSettings) -> Likeness | None:
     """The learned likeness of embeddings."""
     if learned.likeness is None:
         return None
-    same, deviation, other, spread, limit = learned.likeness.tolist()
-    return Likeness((same, deviation), (other, spread), limit)
+    same, other = map(tuple, learned.likeness.tolist())
+    return Likeness(same, other, settings.appearance_limit, settings.appearance_weight)
 
 
 def learn_step(state: TrackerState, time: float) -> TrackerState:

@@ -21,7 +21,6 @@ LARGEST = 2.0**53  # whole numbers beyond it are not exact floats; no other numb
 _DTYPES = ("bool", "int32", "int64", "float32", "float64")
 _UNKNOWN_AT_FIRST = ("unit", "step", "usual", "final_time")  # NaN until it is learned
 _POSITIVE = ("unit", "step", "edge", "angular", "spread", "density")
-_DEVIATIONS = [1, 3, 4]  # of `Learned.likeness`, with its limit
 _SLACK = 1.2  # squared correlations may exceed 1 by rounding
 _LEAST = {"support": -1, "group": -1, "spacing": 1} | dict.fromkeys(
     (
@@ -96,7 +95,7 @@ def _require_numbers(value: np.ndarray, field: str, name: str, cameras: int) -> 
     if field in _POSITIVE:
         good &= ~(value < 1 / LARGEST)
     if field == "likeness":
-        good[_DEVIATIONS] &= value[_DEVIATIONS] > 1 / LARGEST
+        good[:, 1] &= value[:, 1] > 1 / LARGEST  # the deviations
     if field in _LEAST:
         good &= value >= _LEAST[field]
     if field == "group":

@@ -36,7 +36,8 @@ class Learned:
         trials, hits: (C, 3, 5) people who should be detected, and are.
         clutter: (2, C, cells, cells) boxes of people, and other boxes.
         steps: (2,) sum of squares and number of displacements between instants, per axis.
-        likeness: (5,) of `Likeness`: means and deviations, limit; None without embeddings.
+        likeness: (2, 2) mean and deviation of `Likeness.same` and `Likeness.other`; None without
+            embeddings.
         places: (P, 4) position, design uncertainty and number of whole views of reported people.
         usual: (2,) `UsualPlace` of these; NaN before any.
         habits: (4,) who came or left, was reported, hid; and frames hidden.
@@ -51,7 +52,7 @@ class Learned:
     hits: Float[np.ndarray, "cam 3 5"]
     clutter: Float[np.ndarray, "2 cam cells cells"]
     steps: Float[np.ndarray, "2"]
-    likeness: Float[np.ndarray, "5"] | None
+    likeness: Float[np.ndarray, "2 2"] | None
     places: Float[np.ndarray, "p 4"]
     usual: Float[np.ndarray, "2"]
     habits: Float[np.ndarray, "4"]

@@ -92,7 +92,7 @@ def test_arrays_of_another_kind_or_shape_are_refused(place, way, arrays, tmp_pat
         ("recording", 200_000, "recording is 200000, but the file holds 0"),
         (".spacing", None, "spacing is missing"),
         (".learned.clutter", np.zeros((1, 1)), "learned.clutter must have shape"),
-        (".learned.likeness", np.array([0.1, 0.0, 0.5, 0.1, 3.0]), r"likeness\[1\]"),
+        (".learned.likeness", np.array([[0.1, 0.0], [0.5, 0.1]]), r"likeness\[0, 1\]"),
         (".learned.noise.edge", np.zeros((4, 3)), "edge"),
         (".learned.unit", np.array(-1.0), "unit"),
         (".count", np.array(2**62), "count"),

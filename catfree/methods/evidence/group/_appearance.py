@@ -24,36 +24,36 @@ class Likeness:
 
     Attributes:
         same: () mean and deviation for one person; `other`: for two people.
-        limit: bound of the absolute log-likelihood ratio.
+        limit: bound of the absolute log-likelihood ratio, before it is weighted.
+        weight: discount of the ratio.
     """
 
     same: tuple[float, float]
     other: tuple[float, float]
     limit: float
+    weight: float
 
     def __call__(self, distance: np.ndarray) -> np.ndarray:
-        """Log-likelihood ratio 'same person' against 'another person of the frame'."""
+        """Weighted log-likelihood ratio 'same person' against 'another person of the frame'."""
         (m1, s1), (m0, s0) = self.same, self.other
         # Beyond a Gaussian's mean the ratio stays constant, so that it is monotonic.
         d = np.clip(distance, m1, m0)
         ratio = np.log(s0 / s1) - 0.5 * ((d - m1) / s1) ** 2 + 0.5 * ((d - m0) / s0) ** 2
-        return np.clip(ratio, -self.limit, self.limit)
+        return self.weight * np.clip(ratio, -self.limit, self.limit)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class PairRatios:
-    """Weighted log-likelihood ratios of pairs of boxes.
+    """Log-likelihood ratios of pairs of boxes.
 
     Attributes:
         embedding: of the boxes.
         likeness: maps a distance to a log-likelihood ratio.
-        weight: of one ratio.
     """
 
     embedding: Embeddings
     likeness: Likeness
-    weight: float
 
     def __call__(
         self, one: Int[np.ndarray, " pair"], two: Int[np.ndarray, " pair"]
@@ -66,7 +66,7 @@ class PairRatios:
             left, right = self.embedding[one[pairs]], self.embedding[two[pairs]]
             np.einsum("nd,nd->n", left, right, out=cosine[pairs])
         known = self.embedding.exists(one) & self.embedding.exists(two)
-        return np.where(known, self.weight * self.likeness(1 - cosine), 0.0)
+        return np.where(known, self.likeness(1 - cosine), 0.0)
 
     def of_boxes(self, rows: slice) -> "PairRatios":
         """Those of some boxes alone, which are counted from the first of them."""
@@ -101,8 +101,8 @@ def learn_ratios(boxes: Boxes, groups: Groups, settings: EvidenceSettings) -> Pa
     one, two = (_robust(values) for values in samples)
     if one[0] >= two[0]:
         return None
-    likeness = Likeness(one, two, settings.appearance_limit)
-    return PairRatios(boxes.embedding, likeness, settings.appearance_weight)
+    likeness = Likeness(one, two, settings.appearance_limit, settings.appearance_weight)
+    return PairRatios(boxes.embedding, likeness)
 
 
 def appearance_log_odds(groups: Groups, ratios: PairRatios | None) -> Float[np.ndarray, " group"]:
@@ -130,14 +130,12 @@ class Looks:
     Attributes:
         total: (H, D) sum of the embeddings of each group's boxes.
         count: (H,) number of boxes with an embedding.
-        likeness: maps a distance to a log-likelihood ratio.
-        weight: of one box.
+        likeness: maps a distance to the log-likelihood ratio of one box.
     """
 
     total: Float[np.ndarray, "group dim"]
     count: Int[np.ndarray, " group"]
     likeness: Likeness
-    weight: float
 
     def compare(
         self,
@@ -162,15 +160,14 @@ class Looks:
         one = total / np.maximum(count, 1)[:, None]
         two = other / np.maximum(others, 1)[:, None]
         known = (count > 0)[:, None] & (others > 0)[None]
-        ratio = self.weight * new[None] * self.likeness(1 - one @ two.T)
-        return np.where(known, ratio, 0.0)
+        return np.where(known, new * self.likeness(1 - one @ two.T), 0.0)
 
 
 def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:
     """Sum the embeddings of each group.
 
     Args:
-        ratios: the embeddings, the likelihood ratio and its weight.
+        ratios: the embeddings and the likelihood ratio.
         member: (H, C) boxes of each group, -1 for none.
     """
     embedding = ratios.embedding
@@ -179,7 +176,7 @@ def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:
     for camera in range(member.shape[1]):
         rows = np.flatnonzero(is_usable[:, camera])
         total[rows] += embedding[member[rows, camera]]
-    return Looks(total, is_usable.sum(1), ratios.likeness, ratios.weight)
+    return Looks(total, is_usable.sum(1), ratios.likeness)
 
 
 def _robust(values: np.ndarray) -> tuple[float, float]:

@@ -22,8 +22,7 @@ from catfree.methods.evidence.track._tracking import Motion, Population, follow
 from catfree.settings import EvidenceSettings
 from catfree.synthetic import make_world
 
-LIKENESS = Likeness((0.1, 0.05), (0.7, 0.15), 4.0)
-WEIGHT = EvidenceSettings().appearance_weight
+LIKENESS = Likeness((0.1, 0.05), (0.7, 0.15), limit=4.0, weight=0.5)
 
 
 def unit(rng, *shape):
@@ -39,7 +38,7 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
     blank = rng.random(n) < 0.2
     embedding[blank] = 0
     member = np.where(rng.random((groups, cameras)) < 0.7, np.arange(n).reshape(groups, -1), -1)
-    looks = looks_of(PairRatios(embeddings_of(embedding, np.arange(n)), LIKENESS, WEIGHT), member)
+    looks = looks_of(PairRatios(embeddings_of(embedding, np.arange(n)), LIKENESS), member)
     total, count = looks.total, looks.count
     found = looks.compare(total, count, total, count, count)
     for a in range(groups):
@@ -48,7 +47,7 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
             expected = 0.0
             if one and two:
                 pairs = [1 - embedding[i] @ embedding[j] for i in one for j in two]
-                expected = WEIGHT * len(two) * float(LIKENESS(np.array([np.mean(pairs)]))[0])
+                expected = len(two) * float(LIKENESS(np.array([np.mean(pairs)]))[0])
             # Sums are in single precision, of which the narrow Gaussian makes 200 times as much.
             assert found[a, b] == pytest.approx(expected, abs=1e-4)
 
@@ -58,9 +57,9 @@ def test_ratios_of_pairs_are_those_of_all_pairs(monkeypatch, at_a_time):
     rng = np.random.default_rng(0)
     embedding = unit(rng, 12, 5).astype(np.float32)
     monkeypatch.setattr(appearance, "NUMBERS_AT_A_TIME", at_a_time)
-    ratios = PairRatios(embeddings_of(embedding, np.arange(12)), LIKENESS, WEIGHT)
+    ratios = PairRatios(embeddings_of(embedding, np.arange(12)), LIKENESS)
     one, two = np.divmod(np.arange(144), 12)
-    expected = WEIGHT * LIKENESS(1 - embedding @ embedding.T)
+    expected = LIKENESS(1 - embedding @ embedding.T)
     np.testing.assert_allclose(ratios(one, two).reshape(12, 12), expected, rtol=1e-4)
     some = ratios.of_boxes(slice(7, 12))
     one, two = np.divmod(np.arange(25), 5)
@@ -73,7 +72,7 @@ def test_boxes_without_embedding_say_nothing(seed):
     embedding, member = unit(rng, 12, 5), np.arange(12).reshape(3, 4)
     blank = rng.random(12) < 0.4
     embedding[blank] = 0
-    ratios = PairRatios(embeddings_of(embedding, np.arange(12)), LIKENESS, WEIGHT)
+    ratios = PairRatios(embeddings_of(embedding, np.arange(12)), LIKENESS)
     one, two = np.divmod(np.arange(144), 12)
     either = blank[one] | blank[two]
     assert (ratios(one, two)[either] == 0).all()
@@ -125,7 +124,7 @@ def test_looks_tell_who_is_who_after_a_meeting(turn_back):
     people = unit(rng, 2, 16)
     seen = np.tile(people, (len(places), 1)) + 0.05 * rng.standard_normal((2 * len(places), 16))
     seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
-    looks = Looks(seen, np.ones(len(seen), int), LIKENESS, WEIGHT)
+    looks = Looks(seen, np.ones(len(seen), int), LIKENESS)
     track = who(places, looks)
     assert (track == track[0]).all()
     assert track[0, 0] != track[0, 1]
@@ -136,7 +135,7 @@ def test_looks_tell_who_is_who_after_a_meeting(turn_back):
 
 def test_without_embeddings_looks_have_no_say():
     places = meeting(turn_back=False)
-    blank = Looks(np.zeros((2 * len(places), 4)), np.zeros(2 * len(places), int), LIKENESS, WEIGHT)
+    blank = Looks(np.zeros((2 * len(places), 4)), np.zeros(2 * len(places), int), LIKENESS)
     np.testing.assert_array_equal(who(places, blank), who(places, None))
 
 
@@ -146,7 +145,7 @@ def test_somebody_else_in_the_same_place_is_somebody_new():
     people = np.eye(3)
     seen = np.array([people[[0 if t < 4 else 1, 2]] for t in range(8)]).reshape(-1, 3)
     likeness = dataclasses.replace(LIKENESS, limit=40.0)
-    track = who(places, Looks(4 * seen, np.full(16, 4), likeness, WEIGHT))
+    track = who(places, Looks(4 * seen, np.full(16, 4), likeness))
     assert len(np.unique(track[:4, 0])) == len(np.unique(track[4:, 0])) == 1
     assert track[3, 0] != track[4, 0]
     assert (track[:, 1] == track[0, 1]).all()

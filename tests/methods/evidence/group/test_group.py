@@ -40,7 +40,7 @@ def test_runs_of_one_frame_give_the_groups_of_all_frames(monkeypatch, with_looks
         ratios = None
         if with_looks:
             assert boxes.embedding is not None
-            ratios = PairRatios(boxes.embedding, Likeness((0.5, 0.2), (1.0, 0.2), 4.0), 0.5)
+            ratios = PairRatios(boxes.embedding, Likeness((0.5, 0.2), (1.0, 0.2), 4.0, 0.5))
         return group(boxes, measured, noise, RULES.gate, priors, ratios)
 
     whole = grouped()

@@ -205,7 +205,7 @@ def test_looks_decide_whether_two_who_met_passed_or_turned_back():
     known = population(20)
     apart = np.abs(nodes.frame - 9.5) > 1
     np.testing.assert_array_equal(settled(nodes, side, known)[apart], passed[apart])
-    looks = Looks(np.zeros((0, 2)), np.zeros(0, int), Likeness((0.1, 0.1), (0.9, 0.1), 4.0), 0.5)
+    looks = Looks(np.zeros((0, 2)), np.zeros(0, int), Likeness((0.1, 0.1), (0.9, 0.1), 4.0, 0.5))
     for who in (passed, side):
         seen = nodes.seen._replace(look=np.eye(2)[who] * 3, boxes=np.full(len(who), 3))
         for start in (passed, side):
