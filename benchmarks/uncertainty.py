@@ -96,7 +96,7 @@ def judge_considered(sequence: Sequence) -> tuple[Honesty, Honesty]:
     if boxes.score is not None:
         boxes = boxes[boxes.score >= cf.Settings().confidence]
     solution = solve(boxes, sequence.scene)
-    considered = replace(solution, kept=np.ones_like(solution.kept))
+    considered = replace(solution, fate=np.full_like(solution.fate, cf.Fate.ACCEPTED))
     reported, all_of_them = (
         judge(
             describe(found, sequence.scene, detection_count=len(boxes)).tracks,

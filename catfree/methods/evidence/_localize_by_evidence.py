@@ -117,7 +117,7 @@ def describe(
     Args:
         solution: the result of `solve`.
         scene: the scene passed to `solve`.
-        settings: only `report_radius` is used.
+        settings: those that were passed to `solve`.
         detection_count: number of detections passed to `solve`.
         camera_names: names for warnings.
 
@@ -157,11 +157,8 @@ def describe(
         whole_views=s.whole_views[rows],
     ).renumbered()
     fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
-    likely = (s.probability > 0.5) & (s.trails.group >= 0)
-    fate[s.trails.group[likely & ~s.kept]] = Fate.UNCERTAINTY_FILTER
-    fate[s.trails.group[likely & s.suppressed]] = Fate.SUPPRESSED
-    fate[s.trails.group[likely & s.outside]] = Fate.WORKING_AREA
-    fate[group[is_detected]] = Fate.ACCEPTED
+    present = np.flatnonzero((s.trails.group >= 0) & (s.fate != Fate.TRACKING))
+    fate[s.trails.group[present]] = s.fate[present]
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
         position=from_plan(scene, s.place[:, :2] * unit + s.views.origin),

@@ -26,6 +26,7 @@ from catfree.methods.evidence.track._tracking import (
     usual_motion,
 )
 from catfree.settings import EvidenceSettings
+from catfree.types import Fate
 
 
 class EvidenceState(eqx.Module):
@@ -46,13 +47,11 @@ class EvidenceState(eqx.Module):
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows.
         probability: (M,) that the person was present.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
-        suppressed: (M,) whether a better supported person is in the same place.
         design_sigma: (M,) ground uncertainty without occlusion, of reported rows and those outside
             the working area; NaN of others.
         whole_views: (M,) number of images with the whole body without occlusion, of the same rows;
             0 of others.
-        outside: (M,) whether the position is outside the working area of the rig.
-        kept: (M,) whether the row is reported.
+        fate: (M,) values of `Fate`: why a row is not reported, `TRACKING` where nobody is present.
         identity: (M,) who it is, of reported rows; -1 of others.
     """
 
@@ -71,12 +70,15 @@ class EvidenceState(eqx.Module):
     evidence: Float[np.ndarray, " node"]
     probability: Float[np.ndarray, " node"]
     position_covariance: Float[np.ndarray, "node 2 2"]
-    suppressed: Bool[np.ndarray, " node"]
     design_sigma: Float[np.ndarray, " node"]
     whole_views: Int[np.ndarray, " node"]
-    outside: Bool[np.ndarray, " node"]
-    kept: Bool[np.ndarray, " node"]
+    fate: Int[np.ndarray, " node"]
     identity: Int[np.ndarray, " node"]
+
+    @property
+    def kept(self) -> Bool[np.ndarray, " node"]:
+        """(M,) whether the row is reported."""
+        return self.fate == Fate.ACCEPTED
 
     def population(self, settings: EvidenceSettings) -> Population:
         """What the state knows of all people and frames together."""
@@ -101,7 +103,7 @@ def first_state(
     """Make the state of boxes before any pass: there are no groups and no tracks yet."""
     cameras = boxes.table.shape[1]
     heights = usual_heights(boxes.size, boxes.camera, cameras, settings)
-    rows, numbers, flags = np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool)
+    rows, numbers = np.zeros(0, np.int64), np.zeros(0)
     return EvidenceState(
         boxes=boxes,
         views=views,
@@ -118,11 +120,9 @@ def first_state(
         evidence=numbers,
         probability=numbers,
         position_covariance=np.zeros((0, 2, 2)),
-        suppressed=flags,
         design_sigma=numbers,
         whole_views=rows,
-        outside=flags,
-        kept=flags,
+        fate=rows,
         identity=rows,
     )
 
@@ -150,17 +150,14 @@ def with_tracks(
     probability: Float[np.ndarray, " node"],
 ) -> EvidenceState:
     """The state with other tracks, none of which is reported."""
-    none = np.zeros(len(trails), bool)
     return replace(
         state,
         trails=trails,
         evidence=evidence,
         probability=probability,
         position_covariance=trails.covariance[:, :2, :2],
-        suppressed=none,
         design_sigma=np.full(len(trails), np.nan),
         whole_views=np.zeros(len(trails), np.int64),
-        outside=none,
-        kept=none,
+        fate=np.full(len(trails), Fate.TRACKING),
         identity=np.full(len(trails), -1),
     )

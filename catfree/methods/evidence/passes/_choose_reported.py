@@ -15,6 +15,7 @@ from catfree.methods.evidence.report._working_area import (
 )
 from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.settings import EvidenceSettings
+from catfree.types import Fate
 
 
 def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
@@ -25,24 +26,25 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
     )
     covariance, sharp = sharp_positions(trails.covariance, shift, state.probability, settings)
     alone = suppress_overlapping_tracks(trails, state.evidence, sharp, settings.personal_space)
-    kept, sigma, whole = alone.copy(), state.design_sigma.copy(), state.whole_views.copy()
-    rows = np.flatnonzero(alone)
+    rows, sigma, whole = np.flatnonzero(alone), state.design_sigma.copy(), state.whole_views.copy()
     place, frame = trails.mean[rows, :3], trails.frame[rows]
     visibility = expected_views(place, frame, boxes, views, settings)
     sigma[rows], whole[rows] = (
         design_sigma(place, visibility, views, state.noise),
         whole_views(visibility, settings),
     )
+    covered = np.ones(len(rows), bool)
     if settings.working_area:
         cameras = len(np.unique(boxes.camera))
-        kept[rows] = in_working_area(place[:, :2], sigma[rows], whole[rows], cameras, settings)
+        covered = in_working_area(place[:, :2], sigma[rows], whole[rows], cameras, settings)
+    fate = np.where(state.probability > 0.5, Fate.UNCERTAINTY_FILTER, Fate.TRACKING)
+    fate[sharp] = Fate.SUPPRESSED
+    fate[rows] = np.where(covered, Fate.ACCEPTED, Fate.WORKING_AREA)
     return replace(
         state,
         position_covariance=covariance,
-        suppressed=sharp & ~alone,
         design_sigma=sigma,
         whole_views=whole,
-        outside=alone & ~kept,
-        kept=kept,
-        identity=np.where(kept, trails.track, -1),
+        fate=fate,
+        identity=np.where(fate == Fate.ACCEPTED, trails.track, -1),
     )

@@ -20,6 +20,7 @@ from catfree.methods.evidence.passes._name_people import name_people
 from catfree.methods.evidence.passes._observe_boxes import observe_boxes
 from catfree.methods.evidence.passes._weigh_groups import weigh_groups
 from catfree.settings import EvidenceSettings
+from catfree.types import Fate
 from tests.methods.evidence.evidence_worlds import make_rig, make_scene, walk
 
 RULES = EvidenceSettings()
@@ -32,20 +33,11 @@ CHANGED = {
     expect_people: {
         *("priors", "groups", "place", "existence", "trails", "evidence", "probability"),
         # Of the rows of the tracks that are forgotten:
-        *("position_covariance", "suppressed", "design_sigma", "whole_views"),
-        *("outside", "kept", "identity"),
+        *("position_covariance", "design_sigma", "whole_views", "fate", "identity"),
     },
     group_boxes: {"groups", "place", "existence", "priors"},
     weigh_groups: {"rate", "existence"},
-    choose_reported: {
-        "position_covariance",
-        "suppressed",
-        "design_sigma",
-        "whole_views",
-        "outside",
-        "kept",
-        "identity",
-    },
+    choose_reported: {"position_covariance", "design_sigma", "whole_views", "fate", "identity"},
     name_people: {"identity"},
     add_pose_errors: {"position_covariance"},
 }
@@ -127,7 +119,7 @@ def test_everybody_who_walked_is_reported_and_has_one_identity():
     assert kept.sum() == PEOPLE * FRAMES
     assert set(last.identity[kept]) == set(range(PEOPLE))
     assert (last.identity[~kept] == -1).all()
-    assert not (kept & (last.suppressed | last.outside)).any()
+    assert set(last.fate[last.probability <= 0.5]) <= {Fate.TRACKING}
 
 
 def test_errors_of_poses_widen_ellipses_and_never_narrow_them():

@@ -146,9 +146,9 @@ def test_camps_of_cameras_report_one_person_and_nobody_is_lost(by_looks, doubled
     assert pairs_in_one_place(both) >= doubled
     assert pairs_in_one_place(one) == 0
     assert len(found.tracks) >= 0.97 * (both.kept.sum() - pairs_in_one_place(both))
-    suppressed = one.trails.group[one.suppressed & (one.trails.group >= 0)]
-    assert set(np.flatnonzero(found.candidates.fate == Fate.SUPPRESSED)) == set(suppressed)
-    rows = one.trails
-    for row in np.flatnonzero(one.suppressed):
+    rows, suppressed = one.trails, one.fate == Fate.SUPPRESSED
+    groups = rows.group[suppressed & (rows.group >= 0)]
+    assert set(np.flatnonzero(found.candidates.fate == Fate.SUPPRESSED)) == set(groups)
+    for row in np.flatnonzero(suppressed):
         there = one.kept & (rows.frame == rows.frame[row])
         assert np.linalg.norm(rows.mean[there, :2] - rows.mean[row, :2], axis=1).min() <= RADIUS
