@@ -181,7 +181,8 @@ def run_sites(
 
 
 def _holds_boxes(path: Path) -> bool:
-    return path.suffix in BOXES or (path.is_dir() and any(path.rglob("*.parquet")))
+    held = path.rglob("*") if path.is_dir() else ()
+    return path.suffix.lower() in BOXES or any(one.suffix.lower() == ".parquet" for one in held)
 
 
 def _scene_for(
