@@ -183,9 +183,10 @@ def run(
     )
     require_offset(max_offset)
     from catfree._run._report import footage_table
-    from catfree._run._result_folder import write_overlay, write_results
+    from catfree._run._result_folder import OVERLAY_FILE, write_results
     from catfree._run._run import run_stages
     from catfree.types._processes import processor_count
+    from catfree.viz.footage._overlay import write_overlay_video
 
     settings, known_anchors = settings_of(method), open_anchors(anchors)
     footage = open_videos(
@@ -230,7 +231,16 @@ def run(
     )
     if overlay:
         with progress_bars() as progress:
-            write_overlay(out, outcome.videos or footage, outcome, progress, blur=blur)
+            write_overlay_video(
+                out / OVERLAY_FILE,
+                outcome.videos or footage,
+                outcome.detections,
+                outcome.localization,
+                outcome.scene,
+                camera_names=outcome.camera_names,
+                progress=progress,
+                blur=blur,
+            )
     warn(outcome.warnings)
     print_result(outcome, out)
 
@@ -576,8 +586,9 @@ def heat_map(
     """
     import importlib.util
 
-    from catfree._run._result_folder import draw_heat_map, read_results
-    from catfree.viz._heat_map import heat_map as count, write_heat_map
+    from catfree._run._result_folder import read_results, save_plot
+    from catfree.viz import heat_map as count, plot_heat_map, write_heat_map
+    from catfree.viz._plan_view import length_unit
 
     recording = joined_recording(results)
     if recording is None:
@@ -595,7 +606,8 @@ def heat_map(
     shown = int(np.isfinite(heat.positions).sum())
     print_text(f"{path}: {shown} cells" if shown else f"{path}: 0 cells. {BLANK.format(heat.k)}")
     if importlib.util.find_spec("matplotlib") is not None:
-        print_text(str(draw_heat_map(path.with_suffix(".png"), heat, scene)))
+        ax = plot_heat_map(heat, unit=length_unit(scene))
+        print_text(str(save_plot(ax, path.with_suffix(".png"))))
 
 
 # By the name of the sub-command, in the order of the help.
