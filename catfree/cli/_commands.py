@@ -218,13 +218,12 @@ def run(
             workers=processor_count() if workers is None else workers,
             unfinished=unfinished,
         )
-    drawn = None if pictures else False
     write_results(
         out,
         outcome,
         settings,
         videos=outcome.videos or footage,
-        pictures=drawn,
+        pictures=None if pictures else False,
         embeddings=embeddings,
         blur=blur,
         overlay=overlay,
