@@ -23,9 +23,7 @@ def settings_of(method: str) -> Any:
     """Return the settings of a named method."""
     from catfree.settings import Settings
 
-    if method == "default":
-        return Settings()
-    return Settings.paper() if method == "paper" else Settings(method="evidence")
+    return Settings.paper() if method == "paper" else Settings()
 
 
 def require_files(
