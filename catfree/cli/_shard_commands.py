@@ -1,8 +1,8 @@
 """The commands for long recordings and many sites."""
 
-import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -218,9 +218,8 @@ def _print_recording(recording: Any) -> None:
     print_text(f"{recording.folder}: {recording.people} people, {len(recording)} positions.")
 
 
-@contextlib.contextmanager
-def _executor(dask: str | None, workers: int | None) -> Iterator[Any]:
-    """Yield the client of a Dask scheduler, or an executor of processes of this machine.
+def _executor(dask: str | None, workers: int | None) -> AbstractContextManager[Any]:
+    """Return the client of a Dask scheduler, or an executor of processes of this machine.
 
     Raises:
         MissingDependencyError: if Dask is not installed.
@@ -229,18 +228,14 @@ def _executor(dask: str | None, workers: int | None) -> Iterator[Any]:
     from catfree._run.sharded._executors import spawned_workers
 
     if dask is None:
-        with spawned_workers(workers) as pool:
-            yield pool
-        return
+        return spawned_workers(workers)
     if workers is not None:
         raise InvalidInputError("--workers is for this machine alone. Leave it out with --dask.")
     with needing("--dask needs dask.distributed: pip install 'catfree[distributed]'."):
         from distributed import Client
     try:
-        client = Client(dask)
+        return Client(dask)
     except (OSError, ValueError) as error:
         raise InvalidInputError(
             f"No Dask scheduler answers at {dask} ({quoted(error)}). Check the address."
         ) from error
-    with client:
-        yield client
