@@ -240,7 +240,6 @@ def run(
                 progress=progress,
                 blur=blur,
             )
-    warn(outcome.warnings)
     print_result(outcome, out)
 
 
@@ -301,7 +300,6 @@ def localize(
             anchors=known_anchors,
         )
     write_results(out, outcome, settings, pictures=None if pictures else False)
-    warn(outcome.warnings)
     print_result(outcome, out)
 
 
@@ -348,7 +346,6 @@ def demo(
             progress=progress,
         )
     print_table(score_table(scores))
-    warn(outcome.warnings)
     print_result(outcome, out)
     print_text(EASY)
 

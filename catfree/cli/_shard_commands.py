@@ -71,7 +71,7 @@ def plan(
         raise InvalidInputError(
             f"{boxes} is read as boxes, so that --detector and --embedder have nothing to do."
         )
-    known, names, warnings = _scene_for(scene, () if boxes is not None else recording, unit)
+    known, names, warnings = _scene_for(scene, recording if boxes is None else (), unit)
     warn(warnings)  # before shards fail
     parts = shards(
         recording if boxes is None else boxes,
