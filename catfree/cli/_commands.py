@@ -531,12 +531,13 @@ def evaluate(
             ("HOTA", f"{hota(truth, predicted, scored).hota:.2f}"),
         ]
     if true.protocol:
-        changed = [
-            *(["another area"] if area is not None else []),
-            *(["fewer frames"] if len(scored) < len(truth_frames) else []),
-            *(["other distances"] if (detection_gate, tracking_gate) != true.gates else []),
-        ]
-        also = f" (but with {' and '.join(changed)})" if changed else ""
+        differs = {
+            "another area": area is not None,
+            "fewer frames": len(scored) < len(truth_frames),
+            "other distances": (detection_gate, tracking_gate) != true.gates,
+        }
+        changed = " and ".join(what for what, is_other in differs.items() if is_other)
+        also = f" (but with {changed})" if changed else ""
         print_text(f"Protocol: {true.protocol}{also}.")
     print_table(Table(("measure", "value"), tuple(rows)))
 
