@@ -48,13 +48,13 @@ def write_report(
     folder: str | os.PathLike[str],
     outcome: RunOutcome,
     settings: Settings,
-    files: Sequence[Path] = (),
-    pictures: Sequence[Path] = (),
+    files: Sequence[Path],
+    pictures: Sequence[Path],
     *,
-    player: Player | None = None,
-    covered: Coverage | None = None,
-    video: Path | None = None,
-    extra: Sequence[Block] = (),
+    player: Player | None,
+    covered: Coverage | None,
+    video: Path | None,
+    extra: Sequence[Block],
 ) -> list[Path]:
     """Write `report.md` and `report.html`.
 
@@ -77,18 +77,19 @@ def write_report(
     blocks += [] if player is None else [player]
     blocks += [*describe_acceptance(outcome, covered), *extra]
     blocks += describe_result(outcome)
-    blocks += [Picture(_relative(path, root), _caption(path)) for path in pictures]
+    blocks += [
+        Picture(path.relative_to(root).as_posix(), path.stem.replace("_", " ")) for path in pictures
+    ]
     if video is not None:
-        blocks += [Heading("Overlay"), Video(_relative(video, root), "all cameras and the plan")]
+        blocks += [Heading("Overlay"), Video(video.name, "all cameras and the plan")]
     if outcome.videos is not None:
         blocks += describe_footage(outcome.videos)
     blocks += describe_cameras(outcome, settings.calibration.person_height)
     blocks += describe_reliability(outcome.localization, outcome.scene)
     blocks += describe_settings(settings)
-    if files:
-        shown = files if video is None else [*files, video]
-        listed = (f"`{_relative(path, root)}`" for path in shown)
-        blocks += [Heading("Files"), Paragraph(", ".join(listed) + ".")]
+    shown = files if video is None else [*files, video]
+    listed = (f"`{path.relative_to(root).as_posix()}`" for path in shown)
+    blocks += [Heading("Files"), Paragraph(", ".join(listed) + ".")]
     return write_blocks(root, blocks)
 
 
@@ -326,11 +327,3 @@ def _flat(settings: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
         else:
             rows.append((prefix + name, value))
     return rows
-
-
-def _relative(path: Path, root: Path) -> str:
-    return path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
-
-
-def _caption(path: Path) -> str:
-    return path.stem.replace("_", " ")

@@ -25,19 +25,16 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import CatFreeError, FileFormatError
 from catfree.settings import SelectionSettings, Settings
 from catfree.types import Detections, Lens, Localization, Scene
-from catfree.types._annotations import Progress
 from catfree.types._validation import as_path, require_instance
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned, replacing
 from catfree.types.results import MOST_CAMERAS
-from catfree.viz._heat_map import HeatMap
-from catfree.viz._plan_view import length_unit
 from catfree.viz.footage._contact_sheet import write_sheet
 from catfree.viz.page._blocks import Block
 from catfree.viz.page._excerpt import choose_excerpt, earlier_pictures, write_pictures
 from catfree.viz.page._player import Player, make_player
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 # TrackEval matches two squares at an IoU of 0.5. In a scene of unknown scale the matching distance
 # is the longest step of a track between frames.
@@ -317,47 +314,29 @@ def draw_pictures(
     from catfree.viz.plots._threshold_plot import plot_gates
 
     root = make_folder(folder)
-    figures = {}
-    view = plot_bird_eye(
-        localization, scene, camera_names=camera_names, area=area, ground_truth=ground_truth
-    )
-    figures["bird_eye.png"] = view.figure
-    if scene.rig.registered.sum() >= 2:
-        expected = coverage(scene, area) if covered is None else covered
-        coverage_view = plot_coverage(
-            expected, scene, localization=localization, camera_names=camera_names
+    plots = {
+        "bird_eye.png": plot_bird_eye(
+            localization, scene, camera_names=camera_names, area=area, ground_truth=ground_truth
         )
-        figures["coverage.png"] = coverage_view.figure
+    }
+    if scene.rig.registered.sum() >= 2:
+        plots["coverage.png"] = plot_coverage(
+            coverage(scene, area) if covered is None else covered,
+            scene,
+            localization=localization,
+            camera_names=camera_names,
+        )
     if localization.thresholds.tau_sigma is not None:
         gates = plot_gates(localization, scene, suppression_radius=suppression_radius)
-        figures["gates.png"] = gates[0].figure
-    return [save_figure(figure, root / name) for name, figure in figures.items()]
+        plots["gates.png"] = gates[0]
+    return [save_plot(ax, root / name) for name, ax in plots.items()]
 
 
-def draw_heat_map(path: str | os.PathLike[str], heat: HeatMap, scene: Scene) -> Path:
-    """Draw a heat map to a PNG file.
+def save_plot(ax: "Axes", path: Path) -> Path:
+    """Write the figure of a plot as PNG, and close it."""
+    from catfree.viz.plots._axes import figure_of, require_pyplot
 
-    Args:
-        path: of the file.
-        heat: the result of `heat_map`.
-        scene: of the tracks; gives the unit.
-
-    Returns:
-        The path.
-
-    Raises:
-        MissingDependencyError: if matplotlib is not installed.
-    """
-    from catfree.viz.plots._axes import figure_of
-    from catfree.viz.plots._heat_map_plot import plot_heat_map
-
-    return save_figure(figure_of(plot_heat_map(heat, unit=length_unit(scene))), Path(path))
-
-
-def save_figure(figure: "Figure", path: Path) -> Path:
-    """Write a figure as PNG, and close it."""
-    from catfree.viz.plots._axes import require_pyplot
-
+    figure = figure_of(ax)
     try:
         with replacing(path) as stream:
             figure.savefig(stream, dpi=130, format="png")
@@ -408,31 +387,6 @@ def draw_views(
         images = blur_people(images, frame, *results, height)
     grids = draw_ground_grids(images, outcome.scene)
     return [*files, write_sheet(root / "ground_grid.jpg", grids)]
-
-
-def write_overlay(
-    folder: str | os.PathLike[str],
-    videos: SynchronizedVideos,
-    outcome: RunOutcome,
-    progress: Progress | None = None,
-    *,
-    blur: bool = False,
-) -> Path:
-    """Write `overlay.webm`, the images of all cameras with the tracks, to a folder."""
-    from catfree.viz.footage._overlay import write_overlay_video
-
-    root = make_folder(folder)
-    write_overlay_video(
-        root / OVERLAY_FILE,
-        videos,
-        outcome.detections,
-        outcome.localization,
-        outcome.scene,
-        camera_names=outcome.camera_names,
-        progress=progress,
-        blur=blur,
-    )
-    return root / OVERLAY_FILE
 
 
 def _write_tables(

@@ -123,13 +123,10 @@ def collect_fragments(
     rows = [np.flatnonzero(tracks.track_id == track) for track in identity]
     boxes, looks, halves = [], [], []
     embedding = detections.embedding
-    width = 1 if embedding is None else embedding.shape[1]
+    if embedding is None:
+        embedding, shown = np.zeros((len(shown), 1)), np.full_like(shown, -1)
+    width = embedding.shape[1]
     for track, track_rows in zip(identity, rows, strict=True):
-        if embedding is None:
-            boxes.append(0)
-            looks.append(np.zeros(1))
-            halves.append(np.zeros((2, 1)))
-            continue
         members = np.flatnonzero(shown == track)
         middle = np.median(tracks.frame[track_rows])
         early = detections.frame[members] < middle

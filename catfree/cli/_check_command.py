@@ -206,12 +206,11 @@ def write_check_page(
         covered = None
     blocks += describe_acceptance(outcome, covered)
     if covered is not None and importlib.util.find_spec("matplotlib") is not None:
-        from catfree._run._result_folder import save_figure
+        from catfree._run._result_folder import save_plot
         from catfree.viz import plot_coverage
-        from catfree.viz.plots._axes import figure_of
 
-        axes = plot_coverage(covered, outcome.scene, camera_names=outcome.camera_names)
-        save_figure(figure_of(axes), folder / "coverage.png")
+        ax = plot_coverage(covered, outcome.scene, camera_names=outcome.camera_names)
+        save_plot(ax, folder / "coverage.png")
         blocks.append(Picture("coverage.png", "expected uncertainty over the ground"))
     return write_blocks(folder, blocks)[1]
 

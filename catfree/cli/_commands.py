@@ -183,9 +183,10 @@ def run(
     )
     require_offset(max_offset)
     from catfree._run._report import footage_table
-    from catfree._run._result_folder import write_overlay, write_results
+    from catfree._run._result_folder import OVERLAY_FILE, write_results
     from catfree._run._run import run_stages
     from catfree.types._processes import processor_count
+    from catfree.viz.footage._overlay import write_overlay_video
 
     settings, known_anchors = settings_of(method), open_anchors(anchors)
     footage = open_videos(
@@ -217,21 +218,28 @@ def run(
             workers=processor_count() if workers is None else workers,
             unfinished=unfinished,
         )
-    drawn = None if pictures else False
     write_results(
         out,
         outcome,
         settings,
         videos=outcome.videos or footage,
-        pictures=drawn,
+        pictures=None if pictures else False,
         embeddings=embeddings,
         blur=blur,
         overlay=overlay,
     )
     if overlay:
         with progress_bars() as progress:
-            write_overlay(out, outcome.videos or footage, outcome, progress, blur=blur)
-    warn(outcome.warnings)
+            write_overlay_video(
+                out / OVERLAY_FILE,
+                outcome.videos or footage,
+                outcome.detections,
+                outcome.localization,
+                outcome.scene,
+                camera_names=outcome.camera_names,
+                progress=progress,
+                blur=blur,
+            )
     print_result(outcome, out)
 
 
@@ -292,7 +300,6 @@ def localize(
             anchors=known_anchors,
         )
     write_results(out, outcome, settings, pictures=None if pictures else False)
-    warn(outcome.warnings)
     print_result(outcome, out)
 
 
@@ -339,7 +346,6 @@ def demo(
             progress=progress,
         )
     print_table(score_table(scores))
-    warn(outcome.warnings)
     print_result(outcome, out)
     print_text(EASY)
 
@@ -525,12 +531,13 @@ def evaluate(
             ("HOTA", f"{hota(truth, predicted, scored).hota:.2f}"),
         ]
     if true.protocol:
-        changed = [
-            *(["another area"] if area is not None else []),
-            *(["fewer frames"] if len(scored) < len(truth_frames) else []),
-            *(["other distances"] if (detection_gate, tracking_gate) != true.gates else []),
-        ]
-        also = f" (but with {' and '.join(changed)})" if changed else ""
+        differs = {
+            "another area": area is not None,
+            "fewer frames": len(scored) < len(truth_frames),
+            "other distances": (detection_gate, tracking_gate) != true.gates,
+        }
+        changed = " and ".join(what for what, is_other in differs.items() if is_other)
+        also = f" (but with {changed})" if changed else ""
         print_text(f"Protocol: {true.protocol}{also}.")
     print_table(Table(("measure", "value"), tuple(rows)))
 
@@ -576,8 +583,9 @@ def heat_map(
     """
     import importlib.util
 
-    from catfree._run._result_folder import draw_heat_map, read_results
-    from catfree.viz._heat_map import heat_map as count, write_heat_map
+    from catfree._run._result_folder import read_results, save_plot
+    from catfree.viz import heat_map as count, plot_heat_map, write_heat_map
+    from catfree.viz._plan_view import length_unit
 
     recording = joined_recording(results)
     if recording is None:
@@ -595,7 +603,8 @@ def heat_map(
     shown = int(np.isfinite(heat.positions).sum())
     print_text(f"{path}: {shown} cells" if shown else f"{path}: 0 cells. {BLANK.format(heat.k)}")
     if importlib.util.find_spec("matplotlib") is not None:
-        print_text(str(draw_heat_map(path.with_suffix(".png"), heat, scene)))
+        ax = plot_heat_map(heat, unit=length_unit(scene))
+        print_text(str(save_plot(ax, path.with_suffix(".png"))))
 
 
 # By the name of the sub-command, in the order of the help.

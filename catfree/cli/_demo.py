@@ -31,7 +31,6 @@ from catfree.viz.page._blocks import Block, Heading, Paragraph, Table
 
 SMALLEST_PICTURE = 32  # pixels; people in smaller ones are mere dots
 LARGEST_PICTURE = 4096  # pixels; larger ones exceed common decoders and memory
-FEWEST_CAMERAS = 3  # two centers do not determine the alignment with the truth
 
 # The default does not report people where the rig is imprecise. The demo scores only the square, so
 # it does not need this restriction.
@@ -116,9 +115,8 @@ def run_demo(
             too large for a video.
         CatFreeError: any error of the pipeline, for instance a rig that cannot be found.
     """
-    if cameras < FEWEST_CAMERAS:
-        raise InvalidInputError(f"The demo needs at least {FEWEST_CAMERAS} cameras, got {cameras}.")
     for name, value, least in (
+        ("cameras", cameras, 3),  # two centers do not determine the alignment with the truth
         ("seed", seed, 0),
         ("people", people, 1),
         ("frames", frames, 1),

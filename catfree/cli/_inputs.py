@@ -23,9 +23,7 @@ def settings_of(method: str) -> Any:
     """Return the settings of a named method."""
     from catfree.settings import Settings
 
-    if method == "default":
-        return Settings()
-    return Settings.paper() if method == "paper" else Settings(method="evidence")
+    return Settings.paper() if method == "paper" else Settings()
 
 
 def require_files(
@@ -43,12 +41,10 @@ def require_files(
     """
     from catfree.types._validation import as_path
 
-    # `Path.exists` raises an OSError for a name that is too long.
-    for camera, path in enumerate(videos):
-        as_path(path, f"Camera {camera}")
-    for option, path in others.items():
-        if path is not None:
-            as_path(path, f"--{option}")
+    options = {f"--{name}": path for name, path in others.items() if path is not None}
+    cameras = {f"Camera {camera}": path for camera, path in enumerate(videos)}
+    for name, path in (cameras | options).items():
+        as_path(path, name)  # `Path.exists` raises an OSError for a name that is too long
     for path in videos:
         inside = _footage_in(path)
         if inside and inside != [path]:
@@ -58,18 +54,14 @@ def require_files(
             )
     if all(path.exists() for path in videos) and are_boxes(videos):
         raise InvalidInputError(f"{_like_boxes(videos[0])}, not like a video. {boxes_go}")
-    for camera, path in enumerate(videos):
+    for camera, path in cameras.items():
         if not path.exists():
-            raise InvalidInputError(
-                f"Camera {camera}: There is no video file or image folder {path}."
-            )
+            raise InvalidInputError(f"{camera}: There is no video file or image folder {path}.")
     _require_two(videos)
-    for option, path in others.items():
-        exists = path is None or (
-            path.exists() if option == "scene" else network_file(path).is_file()
-        )
+    for option, path in options.items():
+        exists = path.exists() if option == "--scene" else network_file(path).is_file()
         if not exists:
-            raise InvalidInputError(f"There is no file {path} (--{option}). Check the path.")
+            raise InvalidInputError(f"There is no file {path} ({option}). Check the path.")
 
 
 def require_offset(largest: int) -> None:

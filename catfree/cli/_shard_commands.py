@@ -1,8 +1,8 @@
 """The commands for long recordings and many sites."""
 
-import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,7 @@ def plan(
         raise InvalidInputError(
             f"{boxes} is read as boxes, so that --detector and --embedder have nothing to do."
         )
-    known, names, warnings = _scene_for(scene, () if boxes is not None else recording, unit)
+    known, names, warnings = _scene_for(scene, recording if boxes is None else (), unit)
     warn(warnings)  # before shards fail
     parts = shards(
         recording if boxes is None else boxes,
@@ -181,7 +181,8 @@ def run_sites(
 
 
 def _holds_boxes(path: Path) -> bool:
-    return path.suffix in BOXES or (path.is_dir() and any(path.rglob("*.parquet")))
+    held = path.rglob("*") if path.is_dir() else ()
+    return path.suffix.lower() in BOXES or any(one.suffix.lower() == ".parquet" for one in held)
 
 
 def _scene_for(
@@ -217,9 +218,8 @@ def _print_recording(recording: Any) -> None:
     print_text(f"{recording.folder}: {recording.people} people, {len(recording)} positions.")
 
 
-@contextlib.contextmanager
-def _executor(dask: str | None, workers: int | None) -> Iterator[Any]:
-    """Yield the client of a Dask scheduler, or an executor of processes of this machine.
+def _executor(dask: str | None, workers: int | None) -> AbstractContextManager[Any]:
+    """Return the client of a Dask scheduler, or an executor of processes of this machine.
 
     Raises:
         MissingDependencyError: if Dask is not installed.
@@ -228,18 +228,14 @@ def _executor(dask: str | None, workers: int | None) -> Iterator[Any]:
     from catfree._run.sharded._executors import spawned_workers
 
     if dask is None:
-        with spawned_workers(workers) as pool:
-            yield pool
-        return
+        return spawned_workers(workers)
     if workers is not None:
         raise InvalidInputError("--workers is for this machine alone. Leave it out with --dask.")
     with needing("--dask needs dask.distributed: pip install 'catfree[distributed]'."):
         from distributed import Client
     try:
-        client = Client(dask)
+        return Client(dask)
     except (OSError, ValueError) as error:
         raise InvalidInputError(
             f"No Dask scheduler answers at {dask} ({quoted(error)}). Check the address."
         ) from error
-    with client:
-        yield client

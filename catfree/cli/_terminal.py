@@ -126,7 +126,8 @@ def print_text(text: str) -> None:
 
 
 def print_result(outcome: Any, out: Path) -> None:
-    """Print the result of a run in one sentence, and the path of the report."""
+    """Print the warnings of a run, its result in one sentence, and the path of the report."""
+    warn(outcome.warnings)
     tracks = outcome.localization.tracks
     people = len(np.unique(tracks.track_id[tracks.track_id >= 0]))
     registered = int(outcome.scene.rig.registered.sum())

@@ -56,9 +56,7 @@ def heat_map(tracks: Tracks, cell: float | int, k: int = 5) -> HeatMap:
             shown are too far apart.
     """
     require_instance(tracks, Tracks, "tracks")
-    side, fewest = as_positive(cell, "cell"), as_count(k, "k")
-    if fewest < 1:
-        raise InvalidInputError(f"k is {fewest}; it must be at least 1.")
+    side, fewest = as_positive(cell, "cell"), as_count(k, "k", least=1)
     known = np.asarray(tracks.track_id) >= 0
     place = np.floor(np.asarray(tracks.ground_xy, np.float64)[known] / side)
     if (np.abs(place) >= 2**53).any():

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from catfree.errors import InvalidInputError
+from catfree.adapters.files._camera_names import numbered_names
 from catfree.geometry._plane import to_plan
 from catfree.geometry.camera import rays_of_pixels
 from catfree.types import Rig, Scene
+from catfree.types._validation import require_names
 
 MARGIN = 0.05  # empty border of the plan, as a share of its larger side
 WEDGE_LENGTH = 0.08  # length of a camera's field of view on the plan, as a share of E
@@ -47,14 +48,8 @@ def camera_names(rig: Rig, names: Sequence[str] | None = None) -> list[str]:
     Raises:
         InvalidInputError: if there is not one name per camera.
     """
-    if names is None:
-        return [f"C{camera + 1}" for camera in range(rig.camera_count)]
-    listed = [str(name) for name in names]
-    if len(listed) != rig.camera_count:
-        raise InvalidInputError(
-            f"camera_names has {len(listed)} names; the rig has {rig.camera_count} cameras."
-        )
-    return listed
+    require_names(names, rig.camera_count)
+    return [str(name) for name in (numbered_names(rig.camera_count) if names is None else names)]
 
 
 def confidence_ellipse(

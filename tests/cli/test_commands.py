@@ -489,7 +489,7 @@ def test_plot_draws_again(results, tmp_path, capsys):
         (["calibrate", "a.mp4", "b.mp4"], "no video file"),
         (["plot", "nowhere"], "There is no file nowhere/scene.json"),
         (["evaluate", "a.csv", "b.csv"], "There is no file b.csv"),
-        (["demo", "--cameras", "2"], "at least 3 cameras, got 2"),
+        (["demo", "--cameras", "2"], "cameras is 2; it must be 3 or more"),
         (["demo", "--seed", "-1"], "seed is -1"),
         (["demo", "--people", "0"], "people is 0"),
         (["demo", "--frames", "0"], "frames is 0"),

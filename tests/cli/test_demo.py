@@ -131,7 +131,7 @@ def test_the_pipeline_gets_the_files_and_nothing_else(tmp_path, monkeypatch):
 
 
 def test_too_few_cameras_to_align(tmp_path):
-    with pytest.raises(InvalidInputError, match="at least 3 cameras, got 2"):
+    with pytest.raises(InvalidInputError, match="cameras is 2; it must be 3 or more"):
         run_demo(tmp_path, cameras=2)
 
 

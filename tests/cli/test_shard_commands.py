@@ -137,6 +137,16 @@ def test_shards_of_a_scene_of_another_unit_are_in_meters(files, tmp_path, monkey
     np.testing.assert_allclose(given[0], scene.rig.centers, atol=1e-4)
 
 
+@pytest.mark.parametrize("name", ["boxes.PARQUET", "folder"])
+def test_endings_of_files_of_boxes_may_be_in_capitals(files, tmp_path, name):
+    recording = tmp_path / name
+    held = recording / "a.PARQUET" if name == "folder" else recording
+    held.parent.mkdir(exist_ok=True)
+    held.write_bytes((files / "boxes.parquet").read_bytes())
+    words = [str(recording), "--scene", str(files / "scene.json"), *CUT]
+    assert cli.main(["plan", *words, "--out", str(tmp_path / "day")]) == 0
+
+
 def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):
     monkeypatch.chdir(files)
     (tmp_path / "missing.csv").write_text("frame,camera\n7,1\n8,1\n50,0\n")

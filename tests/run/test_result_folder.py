@@ -146,10 +146,10 @@ def test_gates_are_drawn_in_the_radius_of_the_run(tmp_path, monkeypatch):
     settings, shown = replace(settings, selection=wide), []
     found = localize(world.detections, world.scene, settings)
     monkeypatch.setattr(
-        "catfree._run._result_folder.save_figure", lambda figure, path: shown.append(figure) or path
+        "catfree._run._result_folder.save_plot", lambda ax, path: shown.append(ax) or path
     )
     outcome = RunOutcome(found, world.detections, world.scene, None, NAMES, np.arange(8))
     write_results(tmp_path, outcome, settings)
-    line = shown[-1].axes[0].lines[0].get_xdata()[0]
+    line = shown[-1].lines[0].get_xdata()[0]
     radius = wide.suppression_radius * float(world.scene.extent)
     np.testing.assert_allclose(line, found.thresholds.tau_sigma / radius)

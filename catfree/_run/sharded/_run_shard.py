@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Int
 
 from catfree._run._cache import code_hash, content_hash, save_value
 from catfree._run._run import run_stages
@@ -168,7 +167,9 @@ def write_shard(
     tracks, reliability = localization.tracks, localization.reliability
     write_parquet(files.part, with_places(tracks))
     reported = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
-    fragments = collect_fragments(reported, detections, _within(localization, detections, shard))
+    is_reported = (detections.frame >= shard.first) & (detections.frame < shard.stop)
+    shown = np.where(is_reported, localization.identity, -1)
+    fragments = collect_fragments(reported, detections, shown)
     habits = learn_habits(reported, fragments)
     # What nobody reads any more is not kept: appearance recognizes people.
     summary = ShardSummary(dataclasses.replace(fragments, halves=None), habits)
@@ -256,14 +257,6 @@ def _verdicts(
         if one.verdict not in fine
     ]
     return tuple(one.verdict.value for one in checked.cameras), tuple(warnings)
-
-
-def _within(
-    localization: Localization, detections: Detections, shard: Shard
-) -> Int[np.ndarray, " n"]:
-    """(N,) the track of each box of the frames that the shard reports, else -1."""
-    is_reported = (detections.frame >= shard.first) & (detections.frame < shard.stop)
-    return np.where(is_reported, localization.identity, -1)
 
 
 def _from_videos(

@@ -219,7 +219,7 @@ def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -
     else:
         path = as_path(boxes, "recording")
         name, detections = str(path), None
-        if path.suffix == ".npz":
+        if path.suffix.lower() == ".npz":
             detections = Detections.load(path)
             clock = detections.clock
         else:
@@ -254,7 +254,7 @@ def boxes_of_shard(shard: Shard) -> Detections:
     assert boxes is not None
     if isinstance(boxes, str):
         require_unchanged(shard)
-        if Path(boxes).suffix == ".npz":
+        if Path(boxes).suffix.lower() == ".npz":
             boxes = Detections.load(boxes)
             is_seen = (boxes.frame >= shard.first_seen) & (boxes.frame < shard.stop_seen)
             boxes = boxes[is_seen]

@@ -1,7 +1,6 @@
 """`run_sites`: calibrate each site once, then run the shards of all of them."""
 
 import dataclasses
-import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import Executor, as_completed
@@ -58,7 +57,7 @@ from catfree.errors import (
 from catfree.settings import Settings
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import as_path, as_pictures
+from catfree.types._validation import as_number, as_path, as_pictures
 from catfree.types._writing import make_folder
 
 MOST_TRIES = 4  # stretches of a recording from which its cameras may be found
@@ -156,18 +155,16 @@ def run_sites(
             recording=_absolute(site.recording),
             scene=given.get(site.name),
             unit=units.get(site.name),
-            anchors=_absolute_if_file(anchors.get(site.name, ())),
-            silent=_absolute_if_file(site.silent),
+            anchors=_absolute(anchors.get(site.name, ())),
+            silent=_absolute(site.silent),
         )
         for site in sites
     ]
-    failed: dict[str, CatFreeError] = {}
-    reasons: list[str] = []
     with executor_for(executor) as pool:
-        scenes, camera_names = _scenes(
-            sites, out, settings, detector, pool, progress or no_progress, failed
+        scenes, camera_names, failed = _scenes(
+            sites, out, settings, detector, pool, progress or no_progress
         )
-        reasons += [f"{name}: {error}" for name, error in failed.items()]
+        reasons = [f"{name}: {error}" for name, error in failed.items()]
         cause: CatFreeError | None = next(iter(failed.values()), None)
         plan: list[Shard] = []
         for site in sites:
@@ -224,8 +221,11 @@ def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]
     return by_site
 
 
-def _absolute_if_file(value: Any) -> Any:
-    return os.path.abspath(value) if isinstance(value, str) else value
+def _absolute(value: Any) -> Any:
+    """Return a path, or each one of a list, from the root; anything else as it is."""
+    if isinstance(value, list | tuple):
+        return tuple(map(_absolute, value))
+    return os.path.abspath(value) if isinstance(value, str | os.PathLike) else value
 
 
 def _silent(site: Site, cameras: int) -> Int[np.ndarray, "k 2"] | None:
@@ -290,14 +290,15 @@ def _site(row: Any, source: Path, where: str) -> Site:
         "silent": str, "unit": str,
     }  # fmt: skip
     _require_keys(row, kinds, source, where)
+
+    def place(key: str) -> str | None:
+        return str(source.parent / row[key]) if key in row else None
+
     if "name" not in row or ("videos" in row) == ("detections" in row):
         raise FileFormatError(f"{source}: {where} needs a name and either videos or detections.")
-    if "videos" in row:
-        if not all(isinstance(video, str) for video in row["videos"]):
-            raise FileFormatError(f"{source}: videos of {where} must be paths.")
-        recording = tuple(str(source.parent / video) for video in row["videos"])
-    else:
-        recording = str(source.parent / row["detections"])
+    videos = row.get("videos", ())
+    if not all(isinstance(video, str) for video in videos):
+        raise FileFormatError(f"{source}: videos of {where} must be paths.")
     size = row.get("image_size")
     if size is not None:
         if not all(isinstance(pair, list) and list(map(type, pair)) == [int, int] for pair in size):
@@ -313,25 +314,22 @@ def _site(row: Any, source: Path, where: str) -> Site:
     rate = row.get("frame_rate")
     return Site(
         name=row["name"],
-        recording=recording,
+        recording=place("detections") or tuple(str(source.parent / video) for video in videos),
         date=str(row.get("date", "")),
-        scene=str(source.parent / row["scene"]) if "scene" in row else None,
+        scene=place("scene"),
         image_size=size,
         frame_rate=None if rate is None else _number(rate, source, f"frame_rate of {where}"),
-        anchors=str(source.parent / row["anchors"]) if "anchors" in row else (),
-        silent=str(source.parent / row["silent"]) if "silent" in row else (),
+        anchors=place("anchors") or (),
+        silent=place("silent") or (),
         unit=row.get("unit"),
     )
 
 
 def _number(value: int | float, source: Path, name: str) -> float:
     try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise FileFormatError(f"{source}: {name} is {quoted(value)}; it must be finite.")
-    return number
+        return as_number(value, name)
+    except InvalidInputError as error:
+        raise FileFormatError(f"{source}: {error}") from error
 
 
 def _require_keys(
@@ -347,12 +345,6 @@ def _require_keys(
             raise FileFormatError(f"{source}: {key} of {where} is {quoted(value)}.")
 
 
-def _absolute(recording: tuple[str, ...] | str) -> tuple[str, ...] | str:
-    if isinstance(recording, str | os.PathLike):
-        return os.path.abspath(recording)
-    return tuple(map(os.path.abspath, recording))
-
-
 def _scenes(
     sites: Sequence[Site],
     out: StrPath,
@@ -360,13 +352,13 @@ def _scenes(
     detector: Detector | FittedToCamera | None,
     pool: Executor,
     progress: Progress,
-    failed: dict[str, CatFreeError],
-) -> tuple[dict[str, Scene], dict[str, Sequence[str] | None]]:
-    """Read or find the scene of each site, in parallel; put the reasons of failures in `failed`.
+) -> tuple[dict[str, Scene], dict[str, Sequence[str] | None], dict[str, CatFreeError]]:
+    """Read or find the scene of each site, in parallel.
 
     Returns:
-        The scenes, and the names that their files give to the cameras of boxes.
+        The scenes, the names that their files give to the cameras of boxes, and why sites failed.
     """
+    failed: dict[str, CatFreeError] = {}
     scenes: dict[str, Scene] = {}
     names: dict[str, Sequence[str] | None] = {}
     tasks: dict[Any, str] = {}
@@ -399,7 +391,7 @@ def _scenes(
         else:
             scenes[tasks[task]] = task.result()
         progress("calibration", done, len(tasks))
-    return scenes, names
+    return scenes, names, failed
 
 
 def _read_scene(path: str, site: Site) -> tuple[Scene, Sequence[str] | None]:

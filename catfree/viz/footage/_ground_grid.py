@@ -10,6 +10,7 @@ from catfree.errors import InvalidInputError
 from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Scene
+from catfree.types._validation import as_positive
 from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import Color
 from catfree.viz.footage._drawing import (
@@ -20,18 +21,13 @@ from catfree.viz.footage._drawing import (
     round_step,
 )
 
-LINES_PER_EXTENT = 16  # default spacing: the round number below E / 16
+LINES_PER_EXTENT = 16  # default spacing: the round number below E / 16, 1 m on a usual square
 LABEL_EVERY = 5  # lines
 SAMPLES = 8  # points per cell along a line, to follow lens distortion
 LINE_COLOR: Color = (235, 235, 235)
 X_COLOR: Color = (213, 94, 0)  # the line y = 0
 Y_COLOR: Color = (0, 114, 178)  # the line x = 0
 SHADOW: Color = (30, 30, 30)
-
-
-def grid_spacing(scene: Scene) -> float:
-    """Round distance between grid lines in scene units: 1 m on a typical square."""
-    return round_step(float(scene.extent) / LINES_PER_EXTENT)
 
 
 def ground_grid(
@@ -90,9 +86,9 @@ def draw_ground_grid(
             registered, or the spacing is not positive.
     """
     require_camera_picture(image, scene, camera)
-    step = grid_spacing(scene) if spacing is None else float(spacing)
-    if not step > 0:
-        raise InvalidInputError(f"spacing is {step}; it must be positive.")
+    if spacing is None:
+        spacing = round_step(float(scene.extent) / LINES_PER_EXTENT)
+    step = as_positive(spacing, "spacing")
     thick = default_stroke(image)
     bounds = visible_area(scene) if area is None else area
     canvas, size = image.copy(), (image.shape[1], image.shape[0])

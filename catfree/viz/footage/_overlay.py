@@ -269,14 +269,8 @@ def _draw_people(
             draw_polyline(canvas, run, color, (1 if origin != Origin.DETECTED else 2) * stroke)
         if height > 0:
             draw_polyline(canvas, post, color, 1.5 * stroke)
-        texts.append(str(identity) if identity >= 0 else "")
-        anchors.append(head)
-        colors.append(color)
-    labeled = [at for at, text in enumerate(texts) if text]
-    draw_labels(
-        canvas,
-        [texts[at] for at in labeled],
-        np.array([anchors[at] for at in labeled]).reshape(-1, 2),
-        [colors[at] for at in labeled],
-        stroke,
-    )
+        if identity >= 0:
+            texts.append(str(identity))
+            anchors.append(head)
+            colors.append(color)
+    draw_labels(canvas, texts, np.array(anchors).reshape(-1, 2), colors, stroke)

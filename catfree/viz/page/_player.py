@@ -76,7 +76,7 @@ def make_player(
         "colors": TRACK_COLORS,
         "untracked": UNTRACKED,
         "people": _people(shown, frames, RESOLUTION * max(view[1] - view[0], view[3] - view[2])),
-        "boxes": _boxes(detections, localization.identity, frames, scene.rig.camera_count),
+        "boxes": _boxes(detections, localization.identity, frames),
         "board": board.size,
         "cameras": [
             {
@@ -186,12 +186,9 @@ def _people(tracks: Tracks, frames: Int[np.ndarray, " t"], resolution: float) ->
 
 
 def _boxes(
-    detections: Detections,
-    identity: Int[np.ndarray, " n"],
-    frames: Int[np.ndarray, " t"],
-    cameras: int,
+    detections: Detections, identity: Int[np.ndarray, " n"], frames: Int[np.ndarray, " t"]
 ) -> dict[str, Any]:
-    chosen = np.flatnonzero(np.isin(detections.frame, frames) & (detections.camera < cameras))
+    chosen = np.flatnonzero(np.isin(detections.frame, frames))
     chosen = chosen[np.argsort(detections.frame[chosen], kind="stable")]
     return {
         "start": _starts(np.asarray(detections.frame)[chosen], frames),

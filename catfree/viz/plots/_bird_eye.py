@@ -22,8 +22,6 @@ from catfree.viz.plots._axes import axes_or_new, figure_of, plain_label, show_gr
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LABEL_SIZE = 7.5  # points
-
 
 def plot_bird_eye(
     localization: Localization,
@@ -94,7 +92,9 @@ def plot_bird_eye(
     show_ground(ax, view, length_unit(scene))
     ax.tick_params(labelsize=8)
     occupied = draw_cameras(ax, scene, names_of(scene.rig, camera_names))
-    _label_tracks(ax, ends[:detail_limit], occupied)
+    texts = [str(identity) for identity, _ in ends]
+    colors = [fraction(track_color(identity)) for identity, _ in ends]
+    _write(ax, [end for _, end in ends], texts, colors, occupied, size=7.5, weight="normal")
     if legend:
         _explain(ax, confidence, with_truth=len(truth) > 0, with_area=area is not None)
     return ax
@@ -141,6 +141,7 @@ def _draw_tracks(
     """Draw every track; return the identity and last position of each, the longest first."""
     identities, lengths = np.unique(tracks.track_id, return_counts=True)
     tracked = identities >= 0
+    hollow = {"markerfacecolor": "white", "markersize": 3.2, "markeredgewidth": 0.9}
     ends = []
     for identity in identities[tracked][np.argsort(-lengths[tracked], kind="stable")].tolist():
         one = tracks[tracks.track_id == identity]
@@ -149,7 +150,8 @@ def _draw_tracks(
             ax.plot(*one.ground_xy.T, style, color=color, linewidth=0.7, alpha=0.6, zorder=2)
             continue
         ax.plot(*one.ground_xy.T, style, color=color, linewidth=1.3, zorder=4)
-        _draw_added(ax, one[one.origin != Origin.DETECTED], color)
+        added = one[one.origin != Origin.DETECTED].ground_xy
+        ax.plot(*added.T, "o", color=color, zorder=5, **hollow)
         if one.origin[-1] == Origin.DETECTED:
             ax.plot(*one.ground_xy[-1], "o", color=color, markersize=4, zorder=5)
         _draw_ellipse(ax, one[-1:], color, confidence)
@@ -163,11 +165,6 @@ def _draw_tracks(
     return ends
 
 
-def _draw_added(ax: "Axes", added: Tracks, color: tuple[float, float, float]) -> None:
-    hollow = {"markerfacecolor": "white", "markersize": 3.2, "markeredgewidth": 0.9}
-    ax.plot(*added.ground_xy.T, "o", color=color, zorder=5, **hollow)
-
-
 def _draw_ellipse(
     ax: "Axes", tracks: Tracks, color: tuple[float, float, float], confidence: float
 ) -> None:
@@ -179,12 +176,6 @@ def _draw_ellipse(
         major, minor, angle = confidence_ellipse(covariance, confidence)
         size = {"width": 2 * major, "height": 2 * minor, "angle": float(np.degrees(angle))}
         ax.add_patch(Ellipse(xy, **size, **look, zorder=3))
-
-
-def _label_tracks(ax: "Axes", ends: Sequence[tuple[int, np.ndarray]], occupied: np.ndarray) -> None:
-    colors = [fraction(track_color(identity)) for identity, _ in ends]
-    texts = [str(identity) for identity, _ in ends]
-    _write(ax, [end for _, end in ends], texts, colors, occupied, size=LABEL_SIZE, weight="normal")
 
 
 def _write(

@@ -83,7 +83,7 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
     from matplotlib.patheffects import withStroke
 
     x_min, x_max, y_min, y_max = coverage.area
-    covered = np.isfinite(coverage.sigma)
+    sigma = np.ma.masked_invalid(coverage.sigma)
     ax.fill_between(
         [x_min, x_max],
         y_min,
@@ -94,12 +94,12 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
         linewidth=0,
         zorder=0,
     )
-    if not covered.any():
+    if not sigma.count():
         return
-    low, high = (float(q) for q in np.quantile(coverage.sigma[covered], [0.01, 0.99]))
+    low, high = (float(q) for q in np.quantile(sigma.compressed(), [0.01, 0.99]))
     norm = LogNorm(low, high if high > low else 2 * low, clip=True)
     image = ax.imshow(
-        np.ma.masked_where(~covered, coverage.sigma),
+        sigma,
         extent=coverage.area,
         origin="lower",
         cmap="viridis_r",
@@ -112,11 +112,11 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
         image, ax=ax, label=f"expected σ ({unit})", shrink=0.8, ticks=levels.tolist(), format="%.2g"
     )
     bar.minorticks_off()
-    if len(levels) and min(coverage.sigma.shape) >= 2:
+    if len(levels) and min(sigma.shape) >= 2:
         lines = ax.contour(
             coverage.x,
             coverage.y,
-            np.ma.masked_where(~covered, coverage.sigma),
+            sigma,
             levels=levels.tolist(),
             colors="black",
             linewidths=0.8,

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from catfree.adapters.files._documents import write_bytes_atomically
 from catfree.errors import InvalidInputError, needing
 from catfree.geometry import CanonicalFrame
 from catfree.types import Localization, Scene
-from catfree.types._writing import replacement, replacing
+from catfree.types._writing import replacement
 from catfree.viz._palette import CAMERA_COLOR, Color, track_color
 from catfree.viz._plan_view import camera_names as names_of
 from catfree.viz.scene3d._scene_geometry import (
@@ -62,9 +63,6 @@ def write_glb(
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise InvalidInputError(f"Cannot write {target}: the folder does not exist, create it.")
     names, tracks = names_of(scene.rig, camera_names), tracks_of(localization)
     frame, extent = CanonicalFrame.of(scene), float(scene.extent)
 
@@ -99,9 +97,7 @@ def write_glb(
         rings = tube(local(line), TUBE_RADIUS * extent, np.array([0.0, 1.0, 0.0]))
         name = f"track_{identity}"
         model.add_geometry(mesh(*rings, track_color(identity)), node_name=name, geom_name=name)
-    with replacing(target) as stream:
-        stream.write(export_glb(model))
-    return target
+    return write_bytes_atomically(path, export_glb(model))
 
 
 def write_rerun(

@@ -74,14 +74,14 @@ def test_missing_pictures_are_pairs_of_integers(silent):
         cf.shards(boxes(range(9)), frame_rate=2, silent=silent)
 
 
-@pytest.mark.parametrize("suffix", ["npz", "parquet", "folder"])
+@pytest.mark.parametrize("suffix", ["npz", "NPZ", "parquet", "folder"])
 @given(st.lists(st.integers(0, 300), min_size=2, max_size=30))
 @settings(max_examples=4, deadline=None)
 def test_boxes_in_files_are_those_in_memory(tmp_path_factory, suffix, frames):
     folder = tmp_path_factory.mktemp("boxes")
     table = boxes(sorted(frames))
-    if suffix == "npz":
-        path = folder / "boxes.npz"
+    if suffix in ("npz", "NPZ"):
+        path = folder / f"boxes.{suffix}"
         table.save(path)
     elif suffix == "parquet":
         path = write_detections_parquet(folder / "boxes.parquet", table)

@@ -128,10 +128,7 @@ def heads_and_rows():
         ("every = ", "is not valid TOML"),
         (".".join(["a"] * 20000) + " = 1", "line 1 has 19999 dots; a list of sites has at most 16"),
         ("#" * 2**20 + "\n", "has 1048577 characters; a list of sites has at most 1048576"),
-        (
-            "every = nan\n[[site]]\nname = 'a'\ndetections = 'a'",
-            "every is nan; it must be finite",
-        ),
+        ("every = nan\n[[site]]\nname = 'a'\ndetections = 'a'", "every is nan; it must be a"),
         ("overlap = -inf\n[[site]]\nname = 'a'\ndetections = 'a'", "overlap is -inf; it must be"),
         ("every = 6", r"has no \[\[site\]\]"),
         ("site = 3", "site of the file is 3"),

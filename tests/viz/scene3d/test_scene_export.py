@@ -63,7 +63,7 @@ def test_wrong_colours_and_folders_are_named(world, tmp_path):
         write_glb(
             tmp_path / "scene.glb", world.scene, points=np.zeros((3, 3)), colors=np.zeros((2, 3))
         )
-    with pytest.raises(InvalidInputError, match="folder does not exist"):
+    with pytest.raises(InvalidInputError, match="does not exist"):
         write_glb(tmp_path / "missing" / "scene.glb", world.scene)
 
 
