@@ -214,7 +214,7 @@ def test_fps_is_a_rate(fps, tmp_path):
 def test_boxes_of_mot_end_at_finite_pixels(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("1,1,1e308,0,1e308,5\n")
-    with pytest.raises(InvalidInputError, match=r"box\[0, 2\] is not finite"):
+    with pytest.raises(InvalidInputError, match="box in line 1 is not finite"):
         read_mot(path)
 
 
