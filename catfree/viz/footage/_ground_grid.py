@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree._coverage import visible_area
+from catfree.adapters.protocols import as_image
 from catfree.errors import InvalidInputError
 from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import pixels_of_points
@@ -86,9 +87,10 @@ def draw_ground_grid(
         (H, W, 3) uint8 RGB. Orange is the line y = 0, blue x = 0; every fifth line is labeled.
 
     Raises:
-        InvalidInputError: if the image and the camera differ in size, the camera is not
-            registered, or the spacing is not positive.
+        InvalidInputError: if the image is not uint8 RGB or of another size than the camera, the
+            camera is not registered, or the spacing is not positive.
     """
+    image = as_image(image)
     require_camera_picture(image, scene, camera)
     step = grid_spacing(scene) if spacing is None else float(spacing)
     if not step > 0:
