@@ -250,6 +250,25 @@ def test_metric_is_one_flag(tmp_path):
             Scene.load(path)
 
 
+class _MuteError(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (-(10**5000), "a number of 16610 bits"),
+        ([10**5000], "a list"),
+        (ValueError(10**5000), "a ValueError"),
+        (_MuteError(), "a _MuteError"),
+    ],
+    ids=["number", "list", "error", "mute"],
+)
+def test_what_cannot_be_printed_is_named(value, text):
+    assert quoted(value) == text
+
+
 def test_bad_values_are_quoted_in_part(tmp_path):
     long = "u" * 5000
     path = tmp_path / "a.json"
