@@ -11,6 +11,7 @@ from catfree.errors import InvalidInputError
 from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Scene
+from catfree.types._validation import as_area, as_positive
 from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import Color
 from catfree.viz.footage._drawing import (
@@ -36,7 +37,7 @@ def grid_spacing(scene: Scene) -> float:
 
 
 def ground_grid(
-    scene: Scene, area: Sequence[float | int] | np.ndarray, spacing: float
+    scene: Scene, area: tuple[float, float, float, float], spacing: float
 ) -> list[tuple[str, int, Float[np.ndarray, "n 2"]]]:
     """Sample the lines of constant x and of constant y on the ground.
 
@@ -50,7 +51,7 @@ def ground_grid(
         points (N, 2) along the line in ground coordinates.
     """
     lines = []
-    x_min, x_max, y_min, y_max = (float(edge) for edge in area)
+    x_min, x_max, y_min, y_max = area
     for axis, low, high, start, end in (
         ("x", x_min, x_max, y_min, y_max),
         ("y", y_min, y_max, x_min, x_max),
@@ -88,15 +89,13 @@ def draw_ground_grid(
 
     Raises:
         InvalidInputError: if the image is not uint8 RGB or of another size than the camera, the
-            camera is not registered, or the spacing is not positive.
+            camera is not registered, or the area or the spacing is not positive.
     """
     image = as_image(image)
     require_camera_picture(image, scene, camera)
-    step = grid_spacing(scene) if spacing is None else float(spacing)
-    if not step > 0:
-        raise InvalidInputError(f"spacing is {step}; it must be positive.")
+    step = grid_spacing(scene) if spacing is None else as_positive(spacing, "spacing")
     thick = default_stroke(image)
-    bounds = visible_area(scene) if area is None else area
+    bounds = visible_area(scene) if area is None else as_area(area)
     canvas, size = image.copy(), (image.shape[1], image.shape[0])
     lines = ground_grid(scene, bounds, step)
     # Axes last, on top of the plain lines.
