@@ -20,15 +20,15 @@ _short_repr.maxlist = _short_repr.maxtuple = _short_repr.maxdict = 8
 def quoted(value: Any) -> str:
     """Format a value on one line of an error message, leaving out its middle if it is long.
 
-    An exception gives its message without the final period, anything else its `repr`.
+    An exception gives its message without the final period, anything else its `repr`, or its type
+    if it has none.
     """
-    if isinstance(value, BaseException):
-        text = str(value).rstrip(". ")
-    else:
-        try:
-            text = _short_repr.repr(value)
-        except ValueError:  # Python refuses to print integers of thousands of digits
-            text = f"a number of {value.bit_length()} bits"
+    is_error = isinstance(value, BaseException)
+    try:
+        text = str(value).rstrip(". ") if is_error else _short_repr.repr(value)
+    except Exception:  # Python refuses to print integers of thousands of digits
+        is_whole = isinstance(value, int)
+        text = f"a number of {value.bit_length()} bits" if is_whole else f"a {type(value).__name__}"
     return shortened(" ".join(map(str.strip, text.splitlines())))
 
 

@@ -1,6 +1,7 @@
 """The commands of the command line."""
 
 import contextlib
+import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -555,9 +556,10 @@ def plot(
     from catfree._run._result_folder import draw_pictures, read_results
 
     if joined_recording(results) is not None:
+        command = ["catfree", "heat-map", str(results), "--out", "map.csv"]
         raise InvalidInputError(
             f"{results} holds a joined recording, whose tracks are too many for one picture. "
-            f"Draw where people were with `catfree heat-map {results} --out map.csv`."
+            f"Draw where people were with `{shlex.join(command)}`."
         )
     localization, scene, names = read_results(results)
     folder = results / "pictures" if out is None else out

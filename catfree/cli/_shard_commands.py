@@ -1,6 +1,7 @@
 """The commands for long recordings and many sites."""
 
 import os
+import shlex
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -93,9 +94,10 @@ def plan(
     places = (os.path.abspath(scene), os.path.abspath(out))
     document = PlanFile(parts, *places, method, unit=unit, **files)
     write_plan(path, document)
+    each = shlex.join(["catfree", "shard", "--plan", str(path), "--index", "N"])
     print_text(
-        f"{path} has {len(parts)} shards. Run each with `catfree shard --plan {path} --index "
-        f"N` (N from 0 to {len(parts) - 1}), then `catfree join {out}`."
+        f"{path} has {len(parts)} shards. Run each with `{each}` (N from 0 to {len(parts) - 1}), "
+        f"then `{shlex.join(['catfree', 'join', str(out)])}`."
     )
 
 

@@ -1,6 +1,5 @@
 """Detection metrics inside a rectangle of the ground, ignoring or counting predictions outside."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +10,7 @@ from catfree.errors import InvalidInputError, quoted
 from catfree.evaluation._detection_metrics import DetectionMetrics, detection_metrics
 from catfree.evaluation._rows import Frames, Number, as_rows, read_sequence
 from catfree.geometry._arrays import ArrayInput
+from catfree.types._validation import as_area
 
 
 def crop(rows: ArrayInput, area: Any) -> Float[np.ndarray, "n 4"]:
@@ -46,31 +46,9 @@ def inside(rows: ArrayInput, area: Any) -> Bool[np.ndarray, " n"]:
     return _within(as_rows(rows, "rows"), area)
 
 
-def bounds_of(area: Any) -> tuple[float, float, float, float]:
-    """Return x_min, x_max, y_min, y_max of an area in either form.
-
-    Raises:
-        InvalidInputError: if it has another form, or is empty.
-    """
-    try:
-        bounds = [*area["x"], *area["y"]] if isinstance(area, Mapping) else list(area)
-        x_min, x_max, y_min, y_max = (float(bound) for bound in bounds)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInputError(
-            f"area is {quoted(area)}; give (x_min, x_max, y_min, y_max) or a mapping with x and y "
-            "ranges."
-        ) from error
-    # In this form nan fails too; infinite bounds are valid.
-    if not (x_min < x_max and y_min < y_max):
-        raise InvalidInputError(
-            f"area is {quoted(area)}; it must have x_min < x_max and y_min < y_max."
-        )
-    return x_min, x_max, y_min, y_max
-
-
 def _within(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
     """`inside` of checked rows."""
-    x_min, x_max, y_min, y_max = bounds_of(area)
+    x_min, x_max, y_min, y_max = as_area(area, finite=False)
     x, y = rows[:, 2], rows[:, 3]
     return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 

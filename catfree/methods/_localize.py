@@ -108,6 +108,8 @@ def localize(
     )
     warnings += tuple(fault for fault in faults if fault is not None)
     warnings += _same_cameras(detections, keep, camera_names)
+    if len(detections) and not keep.any():
+        warnings += (_why_none_is_used(detections, scene, settings),)
     if keep.any() and not len(result.tracks):
         warnings += (
             f"Nobody is found (boxes used: {int(keep.sum())}). Check that boxes and scene are of "
@@ -115,6 +117,24 @@ def localize(
         )
     tracks = replace(result.tracks, clock=detections.clock)
     return with_expectation(replace(result, tracks=tracks, warnings=warnings), settings)
+
+
+def _why_none_is_used(detections: Detections, scene: Scene, settings: Settings) -> str:
+    """Say which setting or rig leaves out all boxes, and what to do."""
+    none = f"None of the {len(detections)} boxes is used:"
+    registered = scene.rig.registered[detections.camera]
+    if not registered.any():
+        return f"{none} their cameras are not registered. Check that boxes and scene fit together."
+    score = detections.score
+    if score is not None and score[registered].max() < settings.confidence:
+        return (
+            f"{none} the highest score is {score[registered].max():g}, below the confidence of "
+            f"{settings.confidence:g}. Check the detector, or lower Settings.confidence."
+        )
+    return (
+        f"{none} no confident one has confirmed ankles, which "
+        "RaySettings.only_confirmed_ankles asks for. Set it to False."
+    )
 
 
 def _same_cameras(

@@ -95,6 +95,7 @@ class CalibrationSettings(CheckedSettings):
             "detection_rates",
         }
     )
+    shares = frozenset({"anchor_level", "detection_rates"})
 
     person_height: float = 1.70
     person_height_sd: float = 0.09

@@ -16,22 +16,26 @@ class CheckedSettings:
 
     Attributes:
         not_zero: names of the numbers that divide, or without which nothing is computed.
+        shares: names of the probabilities, quantiles and scores, which are at most 1.
     """
 
     not_zero: ClassVar[frozenset[str]] = frozenset()
+    shares: ClassVar[frozenset[str]] = frozenset()
 
     def __post_init__(self) -> None:
         """Refuse values that a field cannot have.
 
         Raises:
             InvalidInputError: naming the field, if a value is of another kind than the default,
-                NaN, or negative where the default is not; if it is 0 in `not_zero`; or if a range
-                ends before it begins.
+                NaN, or negative where the default is not; if it is 0 in `not_zero` or above 1 in
+                `shares`; or if a range ends before it begins.
         """
         kinds = _kinds(type(self))
         for one in fields(self):  # pyright: ignore[reportArgumentType]
             value, kind = getattr(self, one.name), kinds[one.name]
             expected = _expected(value, kind, one.default, one.name in self.not_zero)
+            if not expected and one.name in self.shares and value is not None and np.max(value) > 1:
+                expected = "at most 1"
             if expected:
                 raise InvalidInputError(
                     f"{type(self).__name__}.{one.name} is {quoted(value)}; it must be {expected}."
@@ -47,7 +51,8 @@ def _expected(value: Any, kind: Any, default: Any, not_zero: bool) -> str:
     """Say what a field takes; empty if that includes the value."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Literal:
-        return "" if value in parts else f"one of {', '.join(map(repr, parts))}"
+        fits = isinstance(value, str) and value in parts
+        return "" if fits else f"one of {', '.join(map(repr, parts))}"
     if origin is UnionType:
         expected = "" if value is None else _expected(value, parts[0], 0.0, not_zero)
         return expected and f"None or {expected}"
@@ -67,7 +72,7 @@ def _expected_numbers(
 ) -> str:
     """Say what a field of several numbers takes; empty if that includes the value."""
     lowest, of_any_length = min(default), Ellipsis in kinds
-    if not_zero and value == ():
+    if not_zero and isinstance(value, tuple) and not value:
         return "a tuple of at least one number"
     fits = isinstance(value, tuple) and (of_any_length or len(value) == len(kinds))
     if not fits or not all(_is_number(one, float, lowest, not_zero) for one in value):

@@ -134,6 +134,9 @@ class EvidenceSettings(CheckedSettings):
             "evidence_limit",
         }
     )
+    shares = frozenset(
+        {"foot_outlier", "height_quantiles", "detection_rate_start", "detection_rate_range"}
+    )
 
     use_misses: bool = True
     self_calibrate: bool = True

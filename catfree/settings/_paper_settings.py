@@ -110,6 +110,8 @@ class SelectionSettings(CheckedSettings):
         use_score: break ties of suppression by the seven-signal score.
     """
 
+    shares = frozenset({"fixed_quantile"})
+
     rms_factor: float = 2.0
     support_factor: float = 1.0
     exclusive_support: bool = False

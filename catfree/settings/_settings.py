@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from catfree.errors import InvalidInputError, quoted
 from catfree.settings._calibration_settings import CalibrationSettings
 from catfree.settings._checked_settings import CheckedSettings
 from catfree.settings._evidence_settings import EvidenceSettings
@@ -39,6 +38,8 @@ class Settings(CheckedSettings):
         calibration: calibration of the rig from pedestrians only.
     """
 
+    shares = frozenset({"confidence", "calibration_confidence"})
+
     confidence: float = 0.30
     calibration_confidence: float = 0.55
     method: Method = "evidence"
@@ -50,20 +51,6 @@ class Settings(CheckedSettings):
     trajectories: TrajectorySettings = field(default_factory=TrajectorySettings)
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
-
-    def __post_init__(self) -> None:
-        """Refuse values that a field cannot have.
-
-        Raises:
-            InvalidInputError: as other settings do, or if a confidence is larger than any score.
-        """
-        super().__post_init__()
-        for name in ("confidence", "calibration_confidence"):
-            value = getattr(self, name)
-            if value > 1:
-                raise InvalidInputError(
-                    f"Settings.{name} is {quoted(value)}; it must be a score between 0 and 1."
-                )
 
     @classmethod
     def paper(cls) -> "Settings":

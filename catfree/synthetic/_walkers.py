@@ -5,8 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.errors import InvalidInputError
 from catfree.synthetic._crowd_motion import Crowd, advance_crowd
+from catfree.types._validation import (
+    as_area,
+    as_count,
+    as_duration,
+    as_number,
+    as_positive,
+    as_rows,
+    require_finite,
+)
 
 Area = tuple[float, float, float, float]
 
@@ -103,19 +111,18 @@ def simulate_walkers(
         The people, sorted by the time at which they appear.
 
     Raises:
-        InvalidInputError: if a count is negative, or the area or the frame rate is not positive.
+        InvalidInputError: if a count or a time is negative, the area or the frame rate is not
+            positive, or a number is not finite.
     """
-    x_min, x_max, y_min, y_max = area
-    if x_max <= x_min or y_max <= y_min:
-        raise InvalidInputError(f"area is {area}; it must be (x_min, x_max, y_min, y_max).")
-    if frames < 1 or people < 0 or background < 0 or fps <= 0:
-        raise InvalidInputError(
-            f"frames={frames}, people={people}, background={background}, fps={fps}: give at "
-            "least one frame, no negative count and a positive frame rate."
-        )
-    rng = np.random.default_rng(seed)
+    area, fps = as_area(area), as_positive(fps, "fps")
+    frames = as_count(frames, "frames", least=1)
+    people = as_count(people, "people", least=0)
+    background = as_count(background, "background", least=0)
+    places = as_rows([] if obstacles is None else obstacles, 3, "obstacles").astype(np.float64)
+    require_finite(places, "obstacles")
+    rng = np.random.default_rng(as_count(seed, "seed", least=0))
     group, start, leave, is_background = _schedule(
-        rng, people, background, duration=frames / fps, stay=float(stay)
+        rng, people, background, duration=frames / fps, stay=as_duration(stay, "stay")
     )
     crowd = Crowd.draw(
         rng,
@@ -124,9 +131,9 @@ def simulate_walkers(
         start=start,
         leave=leave,
         background=is_background,
-        standing=float(standing),
-        standing_time=float(standing_time),
-        obstacles=np.zeros((0, 3)) if obstacles is None else np.asarray(obstacles, np.float64),
+        standing=as_number(standing, "standing"),
+        standing_time=as_duration(standing_time, "standing_time"),
+        obstacles=places,
     )
     steps = max(1, int(np.ceil(1 / (fps * LONGEST_STEP) - 1e-9)))
     dt = 1 / (fps * steps)
@@ -145,7 +152,7 @@ def simulate_walkers(
         background=is_background[group],
         group=group,
         area=area,
-        fps=float(fps),
+        fps=fps,
     )
 
 

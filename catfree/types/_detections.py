@@ -17,12 +17,12 @@ from catfree.types._validation import (
     as_boolean,
     as_count,
     as_float,
+    as_instances,
     as_integer,
     as_rows,
     first_index,
     require_boxes,
     require_finite,
-    require_instance,
     require_shape,
 )
 
@@ -151,9 +151,7 @@ class Detections(eqx.Module):
             InvalidInputError: if there is none, a column is in some parts but not in others,
                 embeddings have different lengths, or the clocks differ.
         """
-        every = list(parts)
-        for part in every:
-            require_instance(part, cls, "Each part")
+        every = as_instances(parts, cls, "parts")
         if not every:
             raise InvalidInputError("concatenate needs at least one part, got none.")
         clocks = {part.clock for part in every}
@@ -223,6 +221,7 @@ class Detections(eqx.Module):
             if names.count(name) > 1:
                 raise InvalidInputError(f"The table has several columns {quoted(name)}: keep one.")
             values = np.asarray(table[name])
+            require_shape(values, (None,), f"The column {quoted(name)}")
             require_shape(values, (len(table[names[0]]),), f"The column {quoted(name)}")
             return values
 

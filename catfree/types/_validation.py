@@ -266,6 +266,30 @@ def as_finite(value: Any, shape: tuple[int | None, ...], name: str) -> np.ndarra
     return array
 
 
+def as_area(value: Any, *, finite: bool = True) -> tuple[float, float, float, float]:
+    """Return x_min, x_max, y_min, y_max of an area, or of a mapping with the pairs x and y.
+
+    Args:
+        value: what was given.
+        finite: whether it must end.
+
+    Raises:
+        InvalidInputError: if it has another form, or is empty.
+    """
+    try:
+        bounds = [*value["x"], *value["y"]] if isinstance(value, Mapping) else list(value)
+        x_min, x_max, y_min, y_max = (float(bound) for bound in bounds)
+    except (KeyError, OverflowError, TypeError, ValueError):
+        x_min = x_max = y_min = y_max = np.nan
+    sides = np.array([x_max - x_min, y_max - y_min])
+    if not (sides > 0).all() or (finite and not np.isfinite(sides).all()):
+        raise InvalidInputError(
+            f"area is {quoted(value)}; it must be (x_min, x_max, y_min, y_max), or a mapping with "
+            f"the ranges x and y, with min < max{', all finite' if finite else ''}."
+        )
+    return x_min, x_max, y_min, y_max
+
+
 def as_rows(value: Any, width: int, name: str) -> np.ndarray:
     """Convert to floats of shape (N, width) on the host; nothing at all is (0, width)."""
     rows = np.asarray(as_float(value))

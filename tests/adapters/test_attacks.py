@@ -214,7 +214,7 @@ def test_fps_is_a_rate(fps, tmp_path):
 def test_boxes_of_mot_end_at_finite_pixels(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("1,1,1e308,0,1e308,5\n")
-    with pytest.raises(InvalidInputError, match=r"box\[0, 2\] is not finite"):
+    with pytest.raises(InvalidInputError, match="box in line 1 is not finite"):
         read_mot(path)
 
 
@@ -248,6 +248,25 @@ def test_metric_is_one_flag(tmp_path):
         save_arrays(path, "Scene", arrays | {"metric": metric})
         with pytest.raises(InvalidInputError, match=r"a\.npz: metric"):
             Scene.load(path)
+
+
+class _MuteError(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (-(10**5000), "a number of 16610 bits"),
+        ([10**5000], "a list"),
+        (ValueError(10**5000), "a ValueError"),
+        (_MuteError(), "a _MuteError"),
+    ],
+    ids=["number", "list", "error", "mute"],
+)
+def test_what_cannot_be_printed_is_named(value, text):
+    assert quoted(value) == text
 
 
 def test_bad_values_are_quoted_in_part(tmp_path):

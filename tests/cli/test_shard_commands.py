@@ -70,11 +70,13 @@ def last_sentence(capsys):
 
 @pytest.mark.slow
 def test_plan_then_shards_then_join(files, tmp_path, capsys):
-    out = tmp_path / "day"
+    out = tmp_path / "one day"
     plan = out / "_shards" / "plan.json"
     words = [str(files / "boxes.parquet"), "--scene", str(files / "scene.json"), *CUT]
     assert cli.main(["plan", *words, "--out", str(out)]) == 0
-    assert f"{plan} has 2 shards" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f"{plan} has 2 shards. Run each with `catfree shard --plan '{plan}' --index N`" in said
+    assert f"`catfree join '{out}'`." in said
     for index in (1, 0):
         assert cli.main(["shard", "--plan", str(plan), "--index", str(index)]) == 0
         assert f"Shard {index} of 2 is finished: " in capsys.readouterr().out
@@ -100,7 +102,7 @@ def test_plan_then_shards_then_join(files, tmp_path, capsys):
         np.loadtxt(heat, delimiter=",", skiprows=1)[:, 2].sum() == (day.read().track_id >= 0).sum()
     )
     assert cli.main(["plot", str(out)]) == 1
-    assert f"catfree heat-map {out} --out" in last_sentence(capsys)
+    assert f"catfree heat-map '{out}' --out" in last_sentence(capsys)
     # Neither command repeats what is done.
     before = {path: path.stat().st_mtime_ns for path in (out / "_shards").glob("part-*")}
     assert len(before) == 6

@@ -2,15 +2,26 @@
 
 import io
 import json
+import signal
 
 import numpy as np
 import pytest
 
 from catfree import cli
 from catfree.adapters import write_anipose_toml, write_scene_json
+from catfree.methods.online import Tracker
 from catfree.synthetic import make_world
 
 pytest.importorskip("tyro")
+
+
+def lines_of(world, frames):
+    """Every frame of every camera as a line, five per second."""
+    seen = world.detections
+    for frame in range(frames):
+        for camera, name in enumerate("abcd"):
+            boxes = seen.box[(seen.frame == frame) & (seen.camera == camera)].tolist()
+            yield json.dumps({"camera": name, "time": frame / 5, "boxes": boxes})
 
 
 @pytest.mark.slow
@@ -18,11 +29,7 @@ pytest.importorskip("tyro")
 def test_lines_in_lines_out(provisional, tmp_path, monkeypatch, capsys):
     world = make_world("ring4", frames=12, people=4)
     write_scene_json(tmp_path / "scene.json", world.true_scene, list("abcd"))
-    seen, lines = world.detections, ["nonsense"]
-    for frame in range(12):
-        for camera, name in enumerate("abcd"):
-            boxes = seen.box[(seen.frame == frame) & (seen.camera == camera)].tolist()
-            lines.append(json.dumps({"camera": name, "time": frame / 5, "boxes": boxes}))
+    lines = ["nonsense", *lines_of(world, 12)]
     monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines)))
     options = ["--scene", str(tmp_path / "scene.json"), "--frame-rate", "5", "--lag", "1"]
     assert cli.main(["watch", *options, *([] if provisional else ["--no-provisional"])]) == 0
@@ -32,6 +39,35 @@ def test_lines_in_lines_out(provisional, tmp_path, monkeypatch, capsys):
     final = [record for record in records if record["type"] == "final"]
     np.testing.assert_allclose([r["time"] for r in final[-5:]], np.arange(7, 12) / 5)
     assert any(record["type"] == "provisional" for record in records) == provisional
+
+
+class _InterruptedInUpdate(Tracker):
+    """Ctrl-C while the fourth instant is computed."""
+
+    def update(self, detections, time, cameras=None):
+        if round(time * 5) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return super().update(detections, time, cameras)
+
+
+@pytest.mark.slow
+def test_an_interruption_while_positions_are_computed_makes_them_final(
+    tmp_path, monkeypatch, capsys
+):
+    world = make_world("ring4", frames=12, people=4)
+    write_scene_json(tmp_path / "scene.json", world.true_scene, list("abcd"))
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines_of(world, 12))))
+    monkeypatch.setattr("catfree.methods.online.Tracker", _InterruptedInUpdate)
+    options = ["--scene", str(tmp_path / "scene.json"), "--frame-rate", "5"]
+    assert cli.main(["watch", *options]) == 0
+    records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    times = {
+        kind: [record["time"] for record in records if record["type"] == kind]
+        for kind in ("provisional", "final")
+    }
+    np.testing.assert_allclose(times["provisional"], np.arange(4) / 5)
+    assert times["final"] == times["provisional"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_missing_scene_is_one_sentence(tmp_path, capsys):

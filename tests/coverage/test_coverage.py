@@ -326,6 +326,9 @@ def test_unregistered_cameras_see_nothing_and_may_hold_nan():
         ({"area": AREA, "resolution": 1e-320}, "resolution of"),
         ({"area": AREA, "person_height": np.nan}, "person_height is nan"),
         ({"area": AREA, "person_height": -5}, "person_height is -5"),
+        ({"area": AREA, "person_height": 10**400}, "person_height is 1000"),
+        ({"area": AREA, "resolution": 10**400}, "resolution is 1000"),
+        ({"area": (0, 10**400, 0, 1)}, "area is"),
     ],
 )
 def test_impossible_arguments_are_named(arguments, message):

@@ -72,7 +72,17 @@ def test_frames_whose_people_are_all_outside_still_count():
 
 
 @pytest.mark.parametrize(
-    "area", [(0, 1, 2), (1, 0, 0, 1), (0, 1, np.nan, 1), {"x": (0, 1)}, None, "area", (0, 0, 0, 1)]
+    "area",
+    [
+        (0, 1, 2),
+        (1, 0, 0, 1),
+        (0, 1, np.nan, 1),
+        {"x": (0, 1)},
+        None,
+        "area",
+        (0, 0, 0, 1),
+        (0, 10**400, 0, 1),
+    ],
 )
 def test_a_malformed_area_is_refused(area):
     with pytest.raises(InvalidInputError, match=r"^area is "):

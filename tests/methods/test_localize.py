@@ -210,8 +210,24 @@ def test_no_detections_at_all():
 def test_all_scores_below_the_confidence():
     weak = Detections(**(vars(WORLD.detections) | {"score": np.full(len(WORLD.detections), 0.1)}))
     assert len(cf.localize(weak, WORLD.scene, PAPER).candidates) == 0
+    for settings in (PAPER, Settings()):
+        (warning,) = cf.localize(weak, WORLD.scene, settings).warnings
+        none = f"None of the {len(weak)} boxes is used"
+        assert warning.startswith(f"{none}: the highest score is 0.1, below the confidence of 0.3")
     trusting = dataclasses.replace(PAPER, confidence=0.05)
     assert len(cf.localize(weak, WORLD.scene, trusting).tracks) > 0
+
+
+def test_boxes_that_no_setting_or_rig_uses_are_explained():
+    seen, scene = WORLD.detections, WORLD.scene
+    unsure = Detections(**(vars(seen) | {"ankles_confirmed": np.zeros(len(seen), bool)}))
+    strict = change(PAPER, rays={"only_confirmed_ankles": True})
+    (warning,) = cf.localize(unsure, scene, strict).warnings
+    assert "RaySettings.only_confirmed_ankles" in warning
+    apart = dataclasses.replace(scene.rig, registered=np.arange(CAMERAS) < 2)
+    other = Scene(apart, scene.ground, scene.extent)
+    (warning,) = cf.localize(seen[seen.camera > 1], other, PAPER).warnings
+    assert "cameras are not registered" in warning
 
 
 def test_a_frame_without_detections_ends_tracks_but_not_the_run():

@@ -1,6 +1,7 @@
 """What all settings refuse."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ from catfree.settings import (
     CalibrationSettings,
     EvidenceSettings,
     SelectionSettings,
-    Settings,
 )
 
 CLASSES = [
@@ -77,10 +77,28 @@ def test_what_may_be_none_may_not_be_anything() -> None:
         SelectionSettings(fixed_quantile=-0.5)
 
 
-def test_confidences_are_scores() -> None:
-    assert Settings(confidence=1.0).confidence == 1
-    with pytest.raises(InvalidInputError, match=r"confidence is 30\.0; it must be a score between"):
-        Settings(confidence=30.0)
+@pytest.mark.parametrize(
+    ("kind", "name"), [(kind, name) for kind in CLASSES for name in sorted(kind.shares)]
+)
+def test_shares_are_at_most_one(kind: type, name: str) -> None:
+    most, more = ((0.5, 1.0), (0.5, 1.1)) if (kind, name) in RANGES else (1.0, 30.0)
+    assert getattr(kind(**{name: most}), name) == most
+    with pytest.raises(InvalidInputError, match=rf"{name} is .*; it must be at most 1"):
+        kind(**{name: more})
+
+
+@pytest.mark.parametrize(
+    ("settings", "name", "value"),
+    [
+        (SelectionSettings(), "gates", np.array("none")),
+        (SelectionSettings(), "gates", np.array(["none", "support"])),
+        (CalibrationSettings(), "focal_shares", np.array([0.5, 0.7])),
+    ],
+)
+def test_arrays_are_neither_options_nor_tuples(settings: Any, name: str, value: object) -> None:
+    object.__setattr__(settings, name, value)  # the types of arguments are checked in tests
+    with pytest.raises(InvalidInputError, match=rf"{name} is array.*; it must be (one of|a tuple)"):
+        settings.__post_init__()
 
 
 @pytest.mark.parametrize(

@@ -139,8 +139,17 @@ def test_rows_hold_who_is_inside():
         (AREA, {"frames": 0}),
         (AREA, {"people": -1}),
         (AREA, {"fps": 0.0}),
+        (AREA, {"fps": np.nan}),
+        (AREA, {"fps": 10**400}),
+        (AREA, {"stay": -1}),
+        (AREA, {"standing": np.nan}),
+        (AREA, {"standing_time": -1}),
+        (AREA, {"seed": -1}),
+        (AREA, {"obstacles": np.array([[np.nan, 0.0, 1.0]])}),
+        ((np.nan, 1.0, 0.0, 1.0), {}),
+        ((-np.inf, 1.0, 0.0, 1.0), {}),
     ],
 )
 def test_impossible_worlds_are_refused(area, kwargs):
-    with pytest.raises(InvalidInputError):
+    with pytest.raises(InvalidInputError, match=f"^{next(iter(kwargs), 'area')}.* is "):
         simulate_walkers(area, **({"frames": 2, "people": 3} | kwargs))

@@ -1,11 +1,14 @@
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from catfree.geometry._similarity import transform_scene
+from catfree.geometry.camera import pixels_of_points
 from catfree.synthetic import RigError, angular_residuals, make_world
+from catfree.synthetic._layouts import shop
 
 NO_ERROR = RigError(0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -58,6 +61,16 @@ def test_residuals_of_rays_are_what_the_documentation_states():
     assert 0.002 < min(detector) <= max(detector) < 0.013
     assert 0.008 < min(with_default) <= max(with_default) < 0.021
     assert 0.014 < min(with_degree) <= max(with_degree) < 0.025
+
+
+def test_rays_of_exact_feet_meet_their_people_through_any_lens():
+    world = make_world(shop(fisheye=True), 0, frames=3)
+    seen, person = world.detections, np.maximum(world.identities, 0)
+    feet = np.pad(world.walkers.position[seen.frame, person], ((0, 0), (0, 1)))
+    pixel, _ = pixels_of_points(world.true_rig, seen.camera, feet)
+    box = np.tile(pixel, 2) + np.array([-5, -20, 5, 0])
+    exact = replace(world, detections=replace(seen, box=box))
+    np.testing.assert_allclose(angular_residuals(exact), 0, atol=1e-6)
 
 
 def test_small_worlds_are_fast():

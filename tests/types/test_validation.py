@@ -203,7 +203,11 @@ calls = {
     "must be a tuple of 2 numbers, each 0 or": lambda: EvidenceSettings(cover_ramp=[0.1, 0.2]),
     "each camera to its supervision.Detections": lambda: cf.Detections.from_supervision([none]),
     "such as {0: left, 1: right}, got [1, 2]": lambda: cf.Detections.from_supervision([1, 2]),
-    "Each part must be a Detections, got int": lambda: cf.Detections.concatenate([none, 3]),
+    "parts[1] must be a Detections, got int": lambda: cf.Detections.concatenate([none, 3]),
+    "parts must be a list of Detections": lambda: cf.Detections.concatenate(None),
+    "The column 'frame' must have shape (n), got ()": lambda: cf.Detections.from_table(
+        {"frame": 0, "camera": 0, "x1": 0, "y1": 0, "x2": 1, "y2": 1}
+    ),
     "frame goes from": lambda: boxes([-(2**62), 2**62]),
     "camera 0 is 1": lambda: write_scene_json(f"{folder}/scene.json", scene, names),
 }

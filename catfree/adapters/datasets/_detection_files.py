@@ -24,7 +24,7 @@ from catfree.adapters.files._documents import (
     naming_file,
     read_json,
 )
-from catfree.adapters.files._text_rows import read_csv
+from catfree.adapters.files._text_rows import naming_line, read_csv
 from catfree.adapters.tables._coco import is_coco, read_coco
 from catfree.adapters.tables._detections_table import (
     is_of_catfree,
@@ -204,8 +204,8 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
                 f"{source}, line {line}: there is no camera {quoted(word)} among "
                 f"{shortened(', '.join(camera_names))}."
             )
-    with naming_file(source):
-        frames = as_integer(_numbers(table[plain[frame]], plain[frame], source), "frame")
+    with naming_line(source, lines):
+        frames = as_integer(_numbers(table[plain[frame]], plain[frame]), "frame")
     return np.column_stack([frames, np.array([camera_index[word] for word in cameras], np.int64)])
 
 
@@ -273,7 +273,7 @@ def _read(path: Path, known: tuple[str, ...]) -> _Part:
         table = read_csv(path, "boxes")
         if not all(map(_is_number, table.header)):
             _plain_names(table.header, path)
-            return _part_of_table(table.columns(), path, known)
+            return _part_of_table(table.columns(), path, known, table.lines)
     if suffix not in SUFFIXES:
         raise FileFormatError(
             f"{path} is not a file of boxes that is known: {', '.join(SUFFIXES)}."
@@ -302,16 +302,21 @@ def _part_of_parquet(path: Path, known: tuple[str, ...]) -> _Part:
     return replace(part, detections=detections)
 
 
-def _is_number(word: str) -> bool:
+def _is_number(word: Any) -> bool:
     try:
         float(word)
-    except ValueError:
+    except (TypeError, ValueError):
         return False
     return True
 
 
-def _part_of_table(table: dict[str, Any], path: Path, known: tuple[str, ...]) -> _Part:
-    """Take detections from columns with usual names; numbers may be text."""
+def _part_of_table(
+    table: dict[str, Any], path: Path, known: tuple[str, ...], lines: Sequence[int] | None = None
+) -> _Part:
+    """Take detections from columns with usual names; numbers may be text.
+
+    Errors name the line of a row, if there are `lines`.
+    """
     plain = _plain_names(list(table), path)
     frame = _first(_FRAME, plain)
     shapes = [(form, names) for form, names in _BOXES if set(names) <= set(plain)]
@@ -324,11 +329,11 @@ def _part_of_table(table: dict[str, Any], path: Path, known: tuple[str, ...]) ->
     form, box = shapes[0]
     camera, score = _first(_CAMERA, plain), _first(_SCORE, plain)
     wanted = [frame, *box] + ([] if score is None else [score])
-    columns = {name: _numbers(table[plain[name]], plain[name], path) for name in wanted}
     names = None
-    if camera is not None:
-        columns[camera], names = _cameras(table[plain[camera]], plain[camera], path, known)
-    with naming_file(path):
+    with naming_line(path, lines):
+        columns = {name: _numbers(table[plain[name]], plain[name]) for name in wanted}
+        if camera is not None:
+            columns[camera], names = _cameras(table[plain[camera]], plain[camera], known)
         detections = Detections.from_table(
             columns,
             frame=frame,
@@ -342,19 +347,19 @@ def _part_of_table(table: dict[str, Any], path: Path, known: tuple[str, ...]) ->
 
 
 def _cameras(
-    column: Any, name: str, path: Path, known: tuple[str, ...]
+    column: Any, name: str, known: tuple[str, ...]
 ) -> tuple[np.ndarray, tuple[str, ...] | None]:
     """Take cameras as numbers, or as names together with all names that there are."""
     cameras = np.asarray(column)
     words = [str(word).strip() for word in cameras.tolist()]
     if "" in words:
-        raise FileFormatError(f"{path}: column {quoted(name)} is empty in some rows. Fill them.")
+        raise FileFormatError(f"{name}[{words.index('')}] is empty. Fill it.")
     names = set(words)
     if not names or not names <= set(known):
         if cameras.dtype.kind not in "OUST":
             return cameras, None
         if all(_is_number(word) and float(word).is_integer() for word in names):
-            return _numbers(words, name, path), None  # "2.0" is one, too
+            return _numbers(words, name), None  # "2.0" is one, too
     return np.array(words), tuple(sorted(names, key=natural_order))
 
 
@@ -375,7 +380,7 @@ def _first(wanted: Sequence[str], known: dict[str, str]) -> str | None:
     return next((name for name in wanted if name in known), None)
 
 
-def _numbers(values: Any, name: str, path: Path) -> np.ndarray:
+def _numbers(values: Any, name: str) -> np.ndarray:
     """Numbers of a column, which may be text; what is neither is left to `Detections`."""
     array = np.asarray(values)
     if array.dtype.kind not in "OSU":
@@ -389,9 +394,8 @@ def _numbers(values: Any, name: str, path: Path) -> np.ndarray:
     try:
         return array.astype(np.float64)
     except (TypeError, ValueError) as error:
-        raise FileFormatError(
-            f"{path}: column {quoted(name)} holds a value that is not a number ({quoted(error)})."
-        ) from error
+        at = [_is_number(value) for value in values].index(False)
+        raise FileFormatError(f"{name}[{at}] is {quoted(values[at])}, not a number.") from error
 
 
 def _joined(parts: list[_Part], files: list[Path], known: tuple[str, ...]) -> CameraBoxes:

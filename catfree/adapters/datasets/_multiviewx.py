@@ -152,7 +152,7 @@ def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Anno
         pixels, points = (
             read_rows(
                 path, f"{kind} points of camera {name}", (2 + axes * _CORNER_POINTS,), whole=2
-            )
+            )[0]
             for path, kind, axes in ((pixels_path, "image", 2), (points_path, "world", 3))
         )
         if len(pixels) != len(points) or (pixels[:, :2] != points[:, :2]).any():

@@ -1,9 +1,10 @@
 """Reading of text files with one row per line: CSV with a header, and plain numbers."""
 
+import contextlib
 import csv
 import io
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from catfree.adapters.files._documents import StrPath, parse_numbers, read_text
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 
 _SEPARATOR = re.compile(r"\s*,\s*|\s+")
+_ROW = re.compile(r"(\w+)\[(\d+)[^]]*\]")
 _TOO_LARGE = 2.0**53  # from here on, not every whole number is a float
 
 
@@ -84,9 +86,26 @@ def read_csv(path: StrPath, meaning: str) -> CsvTable:
     return CsvTable(str(path), rows[0] if rows else [], rows[1:], lines[1:])
 
 
+@contextlib.contextmanager
+def naming_line(source: StrPath, lines: Sequence[int] | None) -> Iterator[None]:
+    """Prefix errors with the file's name; those that begin with `column[row]` name the line.
+
+    Args:
+        source: the file.
+        lines: (N,) number of the line of each row; None for a file without lines.
+    """
+    try:
+        yield
+    except (FileFormatError, InvalidInputError) as error:
+        message, entry = str(error), _ROW.match(str(error))
+        if entry is not None and lines is not None:
+            message = f"{entry[1]} in line {lines[int(entry[2])]}{message[entry.end() :]}"
+        raise type(error)(f"{source}: {message}") from error
+
+
 def read_rows(
     path: StrPath, meaning: str, columns: Sequence[int], *, more: bool = False, whole: int = 0
-) -> Float[np.ndarray, "row column"]:
+) -> tuple[Float[np.ndarray, "row column"], list[int]]:
     """Read lines of numbers, separated by commas or spaces and as many in each; skip blank ones.
 
     Args:
@@ -95,6 +114,9 @@ def read_rows(
         columns: numbers of columns that it may have.
         more: whether it may have more.
         whole: number of columns, from the first on, that hold whole numbers.
+
+    Returns:
+        The numbers, and the number of the line of each row.
 
     Raises:
         InvalidInputError: if there is no such file, or naming the first line with a number that is
@@ -129,4 +151,4 @@ def read_rows(
             f"{path} ({meaning}): column {column + 1} of line {lines[row]} is "
             f"{first[row, column]:g}, not a whole number below 2^53."
         )
-    return table
+    return table, lines

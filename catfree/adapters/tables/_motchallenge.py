@@ -7,12 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from catfree.adapters.files._documents import (
-    StrPath,
-    naming_file,
-    write_text_atomically,
-)
-from catfree.adapters.files._text_rows import read_rows
+from catfree.adapters.files._documents import StrPath, write_text_atomically
+from catfree.adapters.files._text_rows import naming_line, read_rows
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Tracks
 from catfree.types._validation import (
@@ -40,6 +36,7 @@ class MotTable:
         box: (N, 4) x1, y1, x2, y2 in the file's pixels.
         confidence: (N,) the seventh column (a flag in ground-truth files), or None.
         world: (N, 3) x, y, z where the file gives world positions (ten columns, not -1), or None.
+        lines: (N,) number of the line of each row.
     """
 
     source: Path
@@ -48,17 +45,18 @@ class MotTable:
     box: Float[np.ndarray, "n 4"]
     confidence: Float[np.ndarray, " n"] | None
     world: Float[np.ndarray, "n 3"] | None
+    lines: list[int]
 
     def detections(self, camera: int = 0) -> Detections:
         """The boxes as detections of one camera, scored unless every confidence is -1.
 
         Raises:
-            InvalidInputError: naming the file, if a box has no area or a confidence is outside
+            InvalidInputError: naming the line, if a box has no area or a confidence is outside
                 [0, 1].
         """
         scored = self.confidence is not None and bool((self.confidence != -1).any())
         score, cameras = self.confidence if scored else None, np.full(len(self.frame), camera)
-        with naming_file(self.source):
+        with naming_line(self.source, self.lines):
             return Detections(self.frame, cameras, self.box, score=score)
 
     def to_rows(self) -> Float[np.ndarray, "n 4"]:
@@ -88,19 +86,20 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
         FileFormatError: naming the first malformed line.
     """
     source = as_path(path, "path")
-    table = read_rows(source, _ROWS, (6,), more=True, whole=2)
+    table, lines = read_rows(source, _ROWS, (6,), more=True, whole=2)
     with np.errstate(over="ignore"):
         box = np.concatenate([table[:, 2:4], table[:, 2:4] + table[:, 4:6]], axis=-1)
-    with naming_file(source):
+    with naming_line(source, lines):
         require_finite(box, "box")
     frame = table[:, 0].astype(np.int64)
     if frames is not None:
         frame_list = _ascending(frames)
         outside = (frame < 1) | (frame > len(frame_list))
         if outside.any():
+            at = int(np.argmax(outside))
             raise InvalidInputError(
-                f"{source} has frame {frame[outside][0]}, but the sequence has frames 1 to "
-                f"{len(frame_list)}."
+                f"{source}: frame in line {lines[at]} is {frame[at]}, but the sequence has frames "
+                f"1 to {len(frame_list)}."
             )
         frame = frame_list[frame - 1]
     has_world = table.shape[1] >= 10 and bool((table[:, 7:9] != -1).any())
@@ -111,6 +110,7 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
         box=box,
         confidence=table[:, 6] if table.shape[1] >= 7 else None,
         world=table[:, 7:10] if has_world else None,
+        lines=lines,
     )
 
 

@@ -52,6 +52,8 @@ def rig_from_rays(
     R, t = np.asarray(as_float(R), np.float64), np.asarray(as_float(t), np.float64)
     require_shape(R, (None, 3, 3), "R")
     count = len(R)
+    if not count:
+        raise InvalidInputError("R has no rotations; give that of at least one camera.")
     require_shape(t, (count, 3), "t")
     nodes = as_count(nodes, "nodes", least=1)
     size = as_integer(image_size, "image_size")
@@ -82,7 +84,7 @@ def _nodes(size: np.ndarray, shape: np.ndarray) -> Float[np.ndarray, "n 2"]:
 def _rays(
     source: Callable[[int, Float[np.ndarray, "n 2"]], Any], camera: int, pixels: np.ndarray
 ) -> Float[np.ndarray, "n 3"]:
-    rays = np.asarray(source(camera, pixels), np.float64)
+    rays = np.asarray(as_float(source(camera, pixels)), np.float64)
     if rays.shape != (len(pixels), 3):
         raise InvalidInputError(
             f"The ray source gave shape {rays.shape} for {len(pixels)} pixels of camera {camera}; "

@@ -90,10 +90,16 @@ def render_videos(
         The files, one per camera, in the rig's order. A file appears when it is complete.
 
     Raises:
-        InvalidInputError: if OpenCV cannot write such videos there, or workers is below 1.
+        InvalidInputError: if a lens is not ideal, OpenCV cannot write such videos there, or workers
+            is below 1.
         CatFreeError: if the processes cannot be started.
         WriteError: if the folder cannot be made, or is not writable.
     """
+    if not world.true_rig.is_ideal:
+        raise InvalidInputError(
+            "Pictures are rendered without lens distortion, but cameras of this world have it, or "
+            "are not pinholes. Make a world whose lenses are ideal."
+        )
     target = make_folder(folder)
     remove_abandoned(target)
     stage = build_stage(

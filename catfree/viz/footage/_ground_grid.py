@@ -6,11 +6,12 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree._coverage import visible_area
+from catfree.adapters.protocols import as_image
 from catfree.errors import InvalidInputError
 from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Scene
-from catfree.types._validation import as_positive
+from catfree.types._validation import as_area, as_positive
 from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import Color
 from catfree.viz.footage._drawing import (
@@ -31,7 +32,7 @@ SHADOW: Color = (30, 30, 30)
 
 
 def ground_grid(
-    scene: Scene, area: Sequence[float | int] | np.ndarray, spacing: float
+    scene: Scene, area: tuple[float, float, float, float], spacing: float
 ) -> list[tuple[str, int, Float[np.ndarray, "n 2"]]]:
     """Sample the lines of constant x and of constant y on the ground.
 
@@ -45,7 +46,7 @@ def ground_grid(
         points (N, 2) along the line in ground coordinates.
     """
     lines = []
-    x_min, x_max, y_min, y_max = (float(edge) for edge in area)
+    x_min, x_max, y_min, y_max = area
     for axis, low, high, start, end in (
         ("x", x_min, x_max, y_min, y_max),
         ("y", y_min, y_max, x_min, x_max),
@@ -82,15 +83,16 @@ def draw_ground_grid(
         (H, W, 3) uint8 RGB. Orange is the line y = 0, blue x = 0; every fifth line is labeled.
 
     Raises:
-        InvalidInputError: if the image and the camera differ in size, the camera is not
-            registered, or the spacing is not positive.
+        InvalidInputError: if the image is not uint8 RGB or of another size than the camera, the
+            camera is not registered, or the area or the spacing is not positive.
     """
+    image = as_image(image)
     require_camera_picture(image, scene, camera)
     if spacing is None:
         spacing = round_step(float(scene.extent) / LINES_PER_EXTENT)
     step = as_positive(spacing, "spacing")
     thick = default_stroke(image)
-    bounds = visible_area(scene) if area is None else area
+    bounds = visible_area(scene) if area is None else as_area(area)
     canvas, size = image.copy(), (image.shape[1], image.shape[0])
     lines = ground_grid(scene, bounds, step)
     # Axes last, on top of the plain lines.

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from catfree.adapters import SynchronizedVideos
+from catfree.adapters.protocols import as_image
 from catfree.errors import InvalidInputError
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
@@ -72,9 +73,10 @@ def draw_frame(
         (H, W, 3) uint8 RGB. For a camera that is not registered, only boxes are drawn.
 
     Raises:
-        InvalidInputError: if the image and the camera differ in size, or the localization was
-            made from other detections.
+        InvalidInputError: if the image is not uint8 RGB or of another size than the camera, or the
+            localization was made from other detections.
     """
+    image = as_image(image)
     if len(detections):
         localization.require_detections(detections)
     if person_height is None:

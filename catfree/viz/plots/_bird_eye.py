@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from catfree.errors import InvalidInputError, quoted
-from catfree.evaluation._area import bounds_of
+from catfree.errors import InvalidInputError
 from catfree.types import Localization, Origin, Scene, Tracks
+from catfree.types._validation import as_area
 from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
 from catfree.viz._plan_view import (
     camera_names as names_of,
@@ -65,9 +65,7 @@ def plot_bird_eye(
     """
     if not 0 < confidence < 1:
         raise InvalidInputError(f"confidence is {confidence}; it must be between 0 and 1.")
-    outline = None if area is None else bounds_of(area)
-    if outline is not None and not np.isfinite(outline).all():
-        raise InvalidInputError(f"area is {quoted(area)}; its bounds must be finite to be drawn.")
+    outline = None if area is None else as_area(area)
     tracks, truth = localization.tracks, _rows(ground_truth)
     if frames is not None:
         chosen = np.unique(np.asarray(list(frames), np.int64))

@@ -136,8 +136,8 @@ def test_missing_pictures_name_or_number_their_cameras(tmp_path_factory, rows, s
     [
         ("frame,camera\n3,C7\n", "line 2: there is no camera 'C7' among C1, C2, C10"),
         ("frame,camera\n3,C1\n\n4,3\n", "line 4: there is no camera '3'"),
-        ("frame,camera\n3.5,C1\n", "frame"),
-        ("frame,camera\nx,C1\n", "column 'frame' holds a value that is not a number"),
+        ("frame,camera\n\n3.5,C1\n", "frame in line 3 is 3.5"),
+        ("frame,camera\nx,C1\n", "frame in line 2 is 'x', not a number"),
         ("frame\n3\n", "no columns frame and camera"),
         ("3,1\n", "no columns frame and camera"),
         ("", "no columns frame and camera"),
@@ -257,7 +257,7 @@ def test_numbers_that_are_not_all_names_are_positions(boxes, tmp_path):
 def test_a_number_of_a_camera_beyond_all_rigs_is_refused(boxes, tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(f"frame,camera,x1,y1,x2,y2\n0,{10**12},1,2,3,9\n")
-    with pytest.raises(InvalidInputError, match=r"table.csv: camera\[0\] is 1000000000000"):
+    with pytest.raises(InvalidInputError, match=r"table.csv: camera in line 2 is 1000000000000"):
         cf.read_detections(path)
 
 
@@ -409,16 +409,23 @@ def test_no_boxes_at_all_are_no_error(tmp_path):
             "frame,camera,x1,y1,x2,y2\n\n,,,,,\n1,2,3\n",
             "line 4 has 3 columns instead of 6",
         ),
-        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,3,4,5,no\n", "'y2' holds a value that is not"),
+        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,3,4,5,no\n", "y2 in line 2 is 'no', not a number"),
         ("a.csv", f"frame,camera,x1,y1,x2,y2\n1,{'9' * 20},3,4,5,6\n", r"a\.csv: camera.*63 bits"),
-        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,5,4,3,6\n", "xyxy, not xywh"),
-        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,-1,3,4,5,6\n", r"a\.csv: camera\[0\] is -1"),
-        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,,3,4,5,6\n", "'camera' is empty in some rows"),
+        (
+            "a.csv",
+            "frame,camera,x1,y1,x2,y2\n1,0,3,4,5,6\n\n1,0,5,4,3,6\n",
+            "box in line 4 is .*xyxy",
+        ),
+        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,-1,3,4,5,6\n", r"a\.csv: camera in line 2 is -1"),
+        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,,3,4,5,6\n", "camera in line 2 is empty"),
         ("a.json", "[3]", "a.json"),
         ("a.json", '[{"bbox": [1, 2, 3, 4]}]', "box 0 has no 'image_id'"),
         ("a.json", '{"cameras": []}', "has no 'units'"),
         ("a.mp4", "", "not a file of boxes that is known"),
         ("a.txt", "1,2,3", "has 3 columns instead of 6"),
+        ("a.txt", "1,1,2,3,9,9,1\n\n1,1,2,3,9,0,1\n", "box in line 3 is .* y1 < y2"),
+        ("a.txt", "1,1,2,3,9,9,1\n\n1,1,2,3,9,9,7\n", r"score in line 3 is 7\.0"),
+        ("a.csv", "frame,camera,x1,y1,x2,y2,score\n\n1,0,3,4,5,6,7\n", r"score in line 3 is 7\.0"),
     ],
 )
 def test_damaged_files_are_named(name, text, sentence, tmp_path):

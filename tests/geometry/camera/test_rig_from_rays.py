@@ -48,6 +48,10 @@ def test_wrong_sources_are_refused():
         cf.rig_from_rays(lambda camera, pixels: pixels, R, t, SIZE)
     with pytest.raises(InvalidInputError, match=r"rays\[0\] holds a ray that is not"):
         cf.rig_from_rays(lambda camera, pixels: 2 * panorama(camera, pixels), R, t, SIZE)
+    with pytest.raises(InvalidInputError, match="got lists of different lengths"):
+        cf.rig_from_rays(lambda camera, pixels: [[1, 0, 0], [1]], R, t, SIZE)
+    with pytest.raises(InvalidInputError, match="R has no rotations"):
+        cf.rig_from_rays(panorama, R[:0], t[:0], SIZE)
 
 
 @pytest.mark.slow

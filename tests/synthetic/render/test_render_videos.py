@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from catfree.errors import InvalidInputError
+from catfree.synthetic import make_world
+from catfree.synthetic._layouts import shop
 from catfree.synthetic._silhouettes import STRIDE_SHARE, cast_silhouettes, project_points
 from catfree.synthetic.render import make_demo_world, render_videos, street_furniture
 from catfree.synthetic.render._backdrop import render_background
@@ -213,3 +215,6 @@ def test_wrong_requests_are_refused(world, tmp_path):
         render_videos(world, tmp_path, workers=0)
     with pytest.raises(InvalidInputError, match="shadows"):
         render_videos(world, tmp_path, shadows="none")
+    with pytest.raises(InvalidInputError, match="without lens distortion"):
+        render_videos(make_world(shop(), frames=1, people=1), tmp_path / "bent")
+    assert not (tmp_path / "bent").exists()

@@ -204,6 +204,15 @@ def test_unregistered_cameras_show_boxes_only(world, localization):
         draw_ground_grid(GREY, lost, 2)
 
 
+@pytest.mark.parametrize("image", [GREY / 255, GREY[..., 0], GREY[..., :1]])
+def test_images_other_than_rgb_bytes_are_refused(image, world):
+    scene = world.true_scene
+    with pytest.raises(InvalidInputError, match=r"must be a non-empty .* uint8 RGB array"):
+        draw_ground_grid.__wrapped__(image, scene, 1)
+    with pytest.raises(InvalidInputError, match=r"must be a non-empty .* uint8 RGB array"):
+        draw_frame.__wrapped__(image, 1, 0, world.detections, None, scene)
+
+
 def test_grid_lines_project_where_opencv_says(world):
     scene = world.true_scene
     drawn = draw_ground_grid(GREY, scene, 1, area=world.area, spacing=1.0)

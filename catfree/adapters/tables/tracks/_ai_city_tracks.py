@@ -102,7 +102,7 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
         FileFormatError: naming the first line that has another form.
     """
     source = as_path(path, "path")
-    table = read_rows(source, "tracks", (_OF_BOXES, _OF_IMAGES))
+    table, _ = read_rows(source, "tracks", (_OF_BOXES, _OF_IMAGES))
     if table.shape[1] == _OF_BOXES:
         table = table[table[:, 1] == _PERSON]
         scenes = [f"{one:g}" for one in np.unique(table[:, 0])]
