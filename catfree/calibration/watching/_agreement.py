@@ -14,9 +14,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration.watching._matching import (
-    LAG,
-    PARAMETERS,
-    TURN,
     BoxMatches,
     best,
     candidates,
@@ -24,7 +21,7 @@ from catfree.calibration.watching._matching import (
     match_boxes,
     whole_steps,
 )
-from catfree.calibration.watching._sights import Sights, linear
+from catfree.calibration.watching._sights import CENTER, LAG, PARAMETERS, TURN, Sights, linear
 from catfree.geometry._least_squares import CAUCHY
 
 ROUNDS = 3  # of matching and solving
@@ -89,15 +86,14 @@ def solve_window(
         The window, and (C, 8) the errors that fit it.
     """
     people, count = sights.people, len(sights.place)
-    low, high = map(int, np.searchsorted(people.frame, [begin, stop]))
-    person = np.arange(low, high)
+    person = people.between(begin, stop)
     errors = start.copy()
     registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
     present = (sights.boxes.frame >= begin) & (sights.boxes.frame < stop)
     boxes = np.bincount(sights.boxes.camera[present], minlength=count)
     if shifts is not None:
         for camera in np.flatnonzero(boxes).tolist():
-            others = sights.seen_by_others(camera, begin, stop)
+            others = people.seen_by_others(camera, person)
             tried = candidates(sights, camera, others, shifts)
             errors[camera] = best(sights, camera, others, errors[camera], tried)
     state = people.state[person].copy()
@@ -110,15 +106,13 @@ def solve_window(
         matrix, vector, errors, state = _solve(
             sights, person, state, matches_by_camera, errors, begun, noise
         )
-    blank = np.zeros(count, np.int64)
-    matched, expected, distinct = blank.copy(), blank.copy(), blank.copy()
+    matched, expected, distinct = np.zeros((3, count), np.int64)
     for camera, matches in matches_by_camera.items():
         # A camera's own boxes do not make a person expected.
-        support = people.support[matches.expected]
-        others = (support >= 0).sum(-1) - (support[:, camera] >= 0) >= 2
-        expected[camera] = others.sum()
-        matched[camera] = np.isin(matches.person, matches.expected[others]).sum()
-        distinct[camera] = len(np.unique(people.track[matches.expected[others]]))
+        others = people.seen_by_others(camera, matches.expected)
+        expected[camera] = len(others)
+        matched[camera] = np.isin(matches.person, others).sum()
+        distinct[camera] = len(np.unique(people.track[others]))
     window = Window(begin, stop, matrix, vector, matched, expected, distinct, boxes)
     return window, errors
 
@@ -219,7 +213,7 @@ def _solve(
     moved[:, :2] -= rest[camera] * velocity
     place = corrected_place(sights, np.arange(count), present)
     value, slopes = linear(moved, velocity, place[camera])
-    slopes[..., 4:7] *= sights.unit
+    slopes[..., CENTER] *= sights.unit
     slope[row, camera], residual[row, camera] = slopes, boxes.angle[box] - value
     sd = noise * boxes.size[box, None] + FLOOR
     precision[row, camera] = np.where(boxes.whole[box], sd**-2.0, 0.0)

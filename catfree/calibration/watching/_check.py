@@ -11,8 +11,7 @@ from scipy.special import ndtri
 
 from catfree.calibration.watching._changes import Course, as_turns, lost_since
 from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
-from catfree.calibration.watching._matching import LAG, PARAMETERS, TURN
-from catfree.calibration.watching._sights import linear
+from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, linear
 from catfree.calibration.watching._swapped import FEWEST_EXPECTED, swapped_cameras
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import Watched, watch_windows
