@@ -8,6 +8,7 @@ within the usual deviations of a rig. They are unknowns, too: people who walk to
 not look like a camera that turns.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -96,22 +97,18 @@ def solve_window(
             others = people.seen_by_others(camera, person)
             tried = candidates(sights, camera, others, shifts)
             errors[camera] = best(sights, camera, others, errors[camera], tried)
-    state = people.state[person].copy()
-    begun = errors.ravel()
+    state, begun = people.state[person], errors.ravel()
     matrix, vector = np.zeros((0, len(begun), len(begun))), np.zeros((0, len(begun)))
-    matches_by_camera: dict[int, BoxMatches] = {}
+    matches: list[BoxMatches] = []
     for _ in range(ROUNDS):
         matches = match_boxes(sights, person, state, registered, errors[registered])
-        matches_by_camera = dict(zip(registered.tolist(), matches, strict=True))
-        matrix, vector, errors, state = _solve(
-            sights, person, state, matches_by_camera, errors, begun, noise
-        )
+        matrix, vector, errors, state = _solve(sights, person, state, matches, errors, begun, noise)
     matched, expected, distinct = np.zeros((3, count), np.int64)
-    for camera, matches in matches_by_camera.items():
+    for camera, found in zip(registered.tolist(), matches, strict=True):
         # A camera's own boxes do not make a person expected.
-        others = people.seen_by_others(camera, matches.expected)
+        others = people.seen_by_others(camera, found.expected)
         expected[camera] = len(others)
-        matched[camera] = np.isin(matches.person, others).sum()
+        matched[camera] = np.isin(found.person, others).sum()
         distinct[camera] = len(np.unique(people.track[others]))
     window = Window(begin, stop, matrix, vector, matched, expected, distinct, boxes)
     return window, errors
@@ -178,7 +175,7 @@ def _solve(
     sights: Sights,
     person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
-    matches_by_camera: dict[int, BoxMatches],
+    matches: Sequence[BoxMatches],
     present: Float[np.ndarray, "cam 8"],
     begun: Float[np.ndarray, " p"],
     noise: Float[np.ndarray, "3"],
@@ -201,13 +198,10 @@ def _solve(
     residual = np.zeros((m, count, 3))
     slope = np.zeros((m, count, 3, PARAMETERS + 3))
     precision = np.zeros((m, count, 3))
-    nobody = np.zeros(0, np.int64)
-    camera = np.concatenate(
-        [nobody, *(np.full(len(one.box), c) for c, one in matches_by_camera.items())]
-    )
-    row = np.concatenate([nobody, *(one.person for one in matches_by_camera.values())])
-    velocity, row = people.velocity[row], np.searchsorted(person, row)
-    box = np.concatenate([nobody, *(one.box for one in matches_by_camera.values())])
+    shown = np.concatenate([one.person for one in matches])
+    box = np.concatenate([one.box for one in matches])
+    camera = boxes.camera[box]
+    row, velocity = np.searchsorted(person, shown), people.velocity[shown]
     rest = present[:, LAG] - whole_steps(present)
     moved = state[row]
     moved[:, :2] -= rest[camera] * velocity
@@ -221,7 +215,7 @@ def _solve(
     precision *= used[:, None, None]
     tall = people.state[person, 2]
     held = (HEIGHT_SD * tall) ** -2.0
-    theta = present.ravel()
+    theta, known = present.ravel(), prior(count)
     pull = held * (tall - state[:, 2])
     equations = _Equations.of(slope, residual, precision, held, pull)
     step, shift = np.zeros(p), np.zeros((m, 3))
@@ -233,10 +227,8 @@ def _solve(
             equations = _Equations.of(slope, residual, precision * weight, held, pull)
         # A window alone tells turns and lags only; matches need no more.
         matrix, vector = equations.sums(slice(None))
-        total = matrix + prior(count)
-        step = np.zeros(p)
-        needed = (vector - prior(count) @ (theta - begun))[quick]
-        step[quick] = np.linalg.solve(total[np.ix_(quick, quick)], needed)
+        needed = (vector - known @ (theta - begun))[quick]
+        step[quick] = np.linalg.solve((matrix + known)[np.ix_(quick, quick)], needed)
         shift = equations.solution[..., p] - equations.solution[..., :p] @ step
     step = step.reshape(count, PARAMETERS)
     step[:, TURN] = np.clip(step[:, TURN], -LARGEST_STEP, LARGEST_STEP)
