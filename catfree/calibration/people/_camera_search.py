@@ -27,7 +27,7 @@ from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
 from catfree.calibration.people.search._growth import accepted_candidates
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
-from catfree.types import Detections
+from catfree.types import Detections, Rig
 from catfree.types._sampling import frame_step
 from catfree.types._validation import shown_camera
 
@@ -65,20 +65,9 @@ def reconsider(
     return _with_cameras(calibration, state, changed, anew=list(changed)) if changed else None
 
 
-def without_camera(
-    calibration: Calibration, camera: int, settings: CalibrationSettings
-) -> Calibration:
-    """Remove a camera from the rig.
-
-    Args:
-        calibration: a rig.
-        camera: index of the camera.
-        settings: constants.
-
-    Returns:
-        The rig in which the camera is not registered and holds NaN.
-    """
-    return _with_cameras(calibration, _state(calibration, settings).without_camera(camera), {})
+def without_camera(calibration: Calibration, camera: int) -> Calibration:
+    """Remove a camera from the rig, in which it is then not registered and holds NaN."""
+    return _with_cameras(calibration, _state(calibration.scene.rig).without_camera(camera), {})
 
 
 def places_for(
@@ -189,7 +178,7 @@ def without_vague_cameras(
             "walked near and far."
         )
     for camera in vague:
-        calibration = without_camera(calibration, int(camera), settings)
+        calibration = without_camera(calibration, int(camera))
     return calibration
 
 
@@ -200,12 +189,11 @@ def _resume(
     rig = calibration.scene.rig
     size, lenses = np.asarray(rig.image_size), RadialLenses.of(rig)
     work = prepare(detections, size, settings, None, lenses)
-    return work, _state(calibration, settings)
+    return work, _state(rig)
 
 
-def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
-    """Convert the cameras of a finished rig to a `RigState`."""
-    return RigState(of_rig(calibration.scene.rig), RANGE_ERRORS[-1])
+def _state(rig: Rig) -> RigState:
+    return RigState(of_rig(rig), RANGE_ERRORS[-1])
 
 
 def _with_cameras(
