@@ -62,7 +62,7 @@ def reconsider(
                 continue
         state = state.with_camera(camera, parameters)
         changed[camera] = verdict
-    return _with_cameras(calibration, state, changed, anew=list(changed)) if changed else None
+    return _with_cameras(calibration, state, changed) if changed else None
 
 
 def without_camera(calibration: Calibration, camera: int) -> Calibration:
@@ -86,12 +86,7 @@ def places_for(
     """
     work, state = _resume(calibration, detections, settings)
     return [
-        _with_cameras(
-            calibration,
-            state.with_camera(camera, parameters),
-            {camera: verdict},
-            anew=[camera],
-        )
+        _with_cameras(calibration, state.with_camera(camera, parameters), {camera: verdict})
         for parameters, verdict in accepted_candidates(work, state, camera)
     ]
 
@@ -197,30 +192,26 @@ def _state(rig: Rig) -> RigState:
 
 
 def _with_cameras(
-    calibration: Calibration,
-    state: RigState,
-    verdicts: dict[int, PlacementVerdict],
-    *,
-    anew: Sequence[int] = (),
+    calibration: Calibration, state: RigState, verdicts: dict[int, PlacementVerdict]
 ) -> Calibration:
     """Replace the cameras of the calibration and update the evidence in `verdicts`.
 
-    The uncertainties of the newly placed cameras in `anew` become NaN.
+    The uncertainties of cameras that were placed or moved become NaN.
     """
     rig = calibration.scene.rig
-    association = np.where(state.placed, calibration.association_rate, np.nan)
-    evidence = np.where(state.placed, calibration.log_likelihood_ratio, np.nan)
+    kept = (state.parameters == of_rig(rig)).all(1)
+    association = np.where(kept, calibration.association_rate, np.nan)
+    evidence = np.where(kept, calibration.log_likelihood_ratio, np.nan)
     for camera, verdict in verdicts.items():
         association[camera] = verdict.judgment.association
         evidence[camera] = verdict.margin
-    kept = state.placed & ~np.isin(np.arange(len(state.placed)), anew)
     covariance = np.where(kept[:, None, None], calibration.center_covariance, np.nan)
     pairs = np.logical_and.outer(kept, kept)[:, None, :, None]
     present = np.logical_and.outer(state.placed, state.placed)[:, None, :, None]
     joint = np.where(pairs, calibration.camera_covariance, np.where(present, np.nan, 0.0))
     scene = scene_of(state.parameters, rig.image_size, RadialLenses.of(rig).k1)
     rig_sd = calibration.scene.rig_sd
-    if anew or (state.placed != rig.registered).any():
+    if (kept != (state.placed | rig.registered)).any():
         rig_sd = shape_deviation(state.parameters, joint, state.placed)
     return replace(
         calibration,
