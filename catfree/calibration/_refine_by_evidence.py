@@ -23,7 +23,7 @@ from catfree.calibration.people.adjustment._people_bundle import BoxMeasurements
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, of_rig, rotation
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame, Similarity, transform_scene
-from catfree.geometry._person import edge_deviation
+from catfree.geometry._person import edge_deviation, edges_of
 from catfree.methods.paper.association import (
     Observations,
     associate_in_two_passes,
@@ -229,10 +229,8 @@ def _ideal_boxes(detections: Detections, rig: Rig) -> Float[np.ndarray, "n 3"]:
     """
     box, camera = np.asarray(detections.box, np.float64), detections.camera
     middle = (box[:, 0] + box[:, 2]) / 2
-    head, foot = (
-        ideal_pixels(rig, camera, np.column_stack([middle, box[:, edge]])) for edge in (1, 3)
-    )
-    return np.column_stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]])
+    ends = (ideal_pixels(rig, camera, np.column_stack([middle, box[:, edge]])) for edge in (1, 3))
+    return edges_of(*ends)
 
 
 def _aligned_to(original: Scene, moved: Scene) -> Scene:
