@@ -27,7 +27,6 @@ from catfree.geometry._least_squares import (
     minimize,
     robust,
 )
-from catfree.settings._checked_settings import CheckedSettings
 from catfree.types import Rig
 
 NEAREST_DEPTH = 1e-6  # fraction of E; closer points, or points behind the camera, have no pixel
@@ -36,29 +35,10 @@ SMALLEST_NOISE = 0.1  # px: no box is more exact; avoids division by zero for ex
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
 DAMPING, FALL = 1e-4, 10.0  # rounds end before they converge, so quick steps matter
 PEOPLE_BLOCK, CAMERA_BLOCK = 1024, 4  # what people and cameras are padded to
-
-
-@dataclass(frozen=True)
-class CameraTie(CheckedSettings):
-    """Standard deviations of the cameras from their start.
-
-    Attributes:
-        rotation: radians about each axis.
-        center: along each axis, as a fraction of E.
-        log_focal: of the natural logarithm of the focal length.
-    """
-
-    not_zero = frozenset({"rotation", "center", "log_focal"})
-
-    rotation: float = np.deg2rad(2.0)
-    center: float = 0.03
-    log_focal: float = 0.02
-
-    @property
-    def precision(self) -> Float[np.ndarray, "7"]:
-        """(7,) inverse variances in parameter order."""
-        deviation = [self.rotation] * 3 + [self.center] * 3 + [self.log_focal]
-        return np.array(deviation) ** -2.0
+# Standard deviations of cameras from their start: about each axis in radians, of the center along
+# each axis as a fraction of E, and of the natural logarithm of the focal length.
+ROTATION_SD, CENTER_SD, FOCAL_SD = np.deg2rad(2.0), 0.03, 0.02
+STEP_SD = np.array([ROTATION_SD] * 3 + [CENTER_SD] * 3 + [FOCAL_SD])
 
 
 @dataclass(frozen=True)
@@ -99,7 +79,6 @@ def adjust(
     step: Float[np.ndarray, "cam 7"],
     points: Float[np.ndarray, "person 3"],
     *,
-    tie: CameraTie,
     iterations: int,
 ) -> Adjustment:
     """Adjust cameras and people to the foot pixels with Levenberg-Marquardt.
@@ -109,7 +88,6 @@ def adjust(
         start: the cameras that the prior ties to, in the canonical frame (E = 1).
         step: (C, 7) initial step from them (`moved_rig`).
         points: (P, 3) initial people.
-        tie: strength of the prior.
         iterations: maximum number of steps.
 
     Returns:
@@ -134,7 +112,6 @@ def adjust(
                 center=padded(center, C),
                 focal=padded(K[:, :2, :2], C),
                 image=padded(2 * K[:, 0, 2], C),
-                tie=jnp.asarray(np.sqrt(tie.precision)),
             ),
             jnp.asarray(iterations, jnp.int32),
         )
@@ -151,7 +128,6 @@ class _Feet(NamedTuple):
         center: (C, 3) centers that they begin at.
         focal: (C, 2, 2) focal lengths that they begin at.
         image: (C,) image widths in pixels.
-        tie: (7,) inverse standard deviations of the steps.
     """
 
     offset: Float[Array, "cam person 2"]
@@ -160,7 +136,6 @@ class _Feet(NamedTuple):
     center: Float[Array, "cam 3"]
     focal: Float[Array, "cam 2 2"]
     image: Float[Array, " cam"]
-    tie: Float[Array, "7"]
 
 
 def _rotation(vector: Float[Array, "3"]) -> Float[Array, "3 3"]:
@@ -211,7 +186,7 @@ def _problem(
         unknowns.block,
     )
     residuals = Residuals(
-        residual[:, :, None], (step * feet.tie[None]).ravel(), jnp.zeros((len(unknowns.block), 0))
+        residual[:, :, None], (step / STEP_SD[None]).ravel(), jnp.zeros((len(unknowns.block), 0))
     )
     return robust(residuals, partial(huber, width=HUBER))
 

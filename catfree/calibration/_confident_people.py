@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.calibration._refinement import CAMERAS
 from catfree.methods import evidence
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
@@ -38,7 +39,7 @@ class ConfidentPeople(NamedTuple):
 
 
 def confident_people(
-    detections: Detections, scene: Scene, settings: EvidenceSettings, *, fewest_views: int = 3
+    detections: Detections, scene: Scene, settings: EvidenceSettings
 ) -> ConfidentPeople:
     """Select the strict clusters of the evidence method for a rig.
 
@@ -46,10 +47,9 @@ def confident_people(
         detections: (N,) boxes.
         scene: the rig used for grouping; unregistered cameras are ignored.
         settings: of the evidence method.
-        fewest_views: minimum number of cameras that see a person, in addition to strictness.
 
     Returns:
-        The groups, possibly none.
+        The groups of `CAMERAS` boxes or more, possibly none.
 
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
@@ -58,7 +58,7 @@ def confident_people(
     once = replace(settings, passes=min(settings.passes, 1))
     solution = evidence.solve(detections, scene, once, finish=False)
     clusters = evidence.clusters_of(solution)
-    is_confident = clusters.strict() & ((clusters.member >= 0).sum(1) >= fewest_views)
+    is_confident = clusters.strict() & ((clusters.member >= 0).sum(1) >= CAMERAS)
     member, sigma = clusters.member[is_confident], clusters.sigma[is_confident]
     deviation = np.full((len(detections), 3), np.nan)
     present = member >= 0

@@ -69,7 +69,7 @@ class EvidenceLoop:
             and residual_outliers(calibration.camera_residual, rules).any()
         ):
             worst = int(np.nanargmax(calibration.camera_residual))
-            others = without_camera(calibration, worst, rules)
+            others = without_camera(calibration, worst)
             calibration = self.refine(others)
             # Two cameras never share confident people; three or more that do not relied on `worst`.
             if calibration is others and others.scene.rig.registered.sum() >= FEWEST_TO_FLAG:
@@ -136,7 +136,7 @@ class EvidenceLoop:
         tried: set[int] = set()
         while (camera := self._worst_outlier(calibration, tried)) is not None:
             tried.add(camera)
-            others = without_camera(calibration, camera, self.settings.calibration)
+            others = without_camera(calibration, camera)
             better = self._better_placed(self.refine_once(others) or others, camera, calibration)
             calibration = better or calibration
         return calibration

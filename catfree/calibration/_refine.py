@@ -8,10 +8,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.calibration._adjusted_cameras import moved_rig, with_registered
 from catfree.calibration._bundle_adjustment import FootPixels, adjust, project_directions
 from catfree.calibration._refine_by_evidence import refine_by_evidence
-from catfree.calibration._refinement import (
-    Refinement as Refinement,
-    RefinementSettings as RefinementSettings,
-)
+from catfree.calibration._refinement import CAMERAS, MOST_FRAMES, STEPS, Refinement as Refinement
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
@@ -35,6 +32,8 @@ from catfree.types._validation import as_count, require_instance, require_known_
 
 RESOLVED = 0.25  # fraction of the median height below which box errors stop shrinking
 GROUND_ITERATIONS = 20  # reweighting converges to a thousandth of the noise
+GROUND_TILT_SD = np.deg2rad(2.0)  # of the given ground about each axis
+GROUND_OFFSET_SD = 0.03  # fraction of E; of the given ground's height
 FLATTEST = 1e-6  # fraction of E: lower bound of the ground noise
 
 
@@ -67,7 +66,6 @@ def refine(
     settings: Settings | None = None,
     *,
     rounds: int = 25,
-    refinement: RefinementSettings | None = None,
     progress: Progress | None = None,
 ) -> Refinement:
     """Refine cameras and ground with the people that several cameras see.
@@ -86,7 +84,6 @@ def refine(
         settings: method and constants, as for `localize`; `Settings()`, the evidence
             method, if None. `Settings.paper()` selects the paper's procedure.
         rounds: number of rounds; a maximum for the evidence method.
-        refinement: constants of the refinement.
         progress: called as `progress("refinement", done, rounds)`.
 
     Returns:
@@ -104,22 +101,19 @@ def refine(
         Sec. "Camera configuration and ground estimation" of the paper for `Settings.paper()`.
     """
     settings = Settings() if settings is None else settings
-    refinement = RefinementSettings() if refinement is None else refinement
     require_instance(detections, Detections, "detections")
     require_scene(scene)
     require_instance(settings, Settings, "settings")
-    require_instance(refinement, RefinementSettings, "refinement")
     rounds = as_count(rounds, "rounds", least=0)
     report = progress or no_progress
     require_pinholes(scene.rig, "refinement")
-    _require_cameras(detections, scene.rig, refinement.cameras)
+    _require_cameras(detections, scene.rig)
     keep = _confident(detections, scene.rig, settings)
     if settings.method == "evidence":
-        boxes = detections[keep]
-        return refine_by_evidence(boxes, scene, settings, rounds, refinement, report)
-    frames = evenly_spread(np.unique(detections.frame[keep]), refinement.maximum_frames)
+        return refine_by_evidence(detections[keep], scene, settings, rounds, report)
+    frames = evenly_spread(np.unique(detections.frame[keep]), MOST_FRAMES)
     keep = keep & np.isin(detections.frame, frames)
-    return _refine_by_paper(detections, scene, keep, settings, rounds, refinement, report)
+    return _refine_by_paper(detections, scene, keep, settings, rounds, report)
 
 
 def _refine_by_paper(
@@ -128,7 +122,6 @@ def _refine_by_paper(
     keep: Bool[np.ndarray, " n"],
     settings: Settings,
     rounds: int,
-    refinement: RefinementSettings,
     report: Progress,
 ) -> Refinement:
     """Refine with the paper's procedure: all rounds, with the people of the paper's association."""
@@ -137,11 +130,11 @@ def _refine_by_paper(
     observations = observe(detections, start, keep=keep)
     still = np.zeros((start.camera_count, 7))
     # As in localization, an unweighted pass comes first, so that all rounds are comparable.
-    current = _associated(observations, start, still, 1.0, settings, refinement.cameras)
-    current = _associated(observations, start, still, current.ratio, settings, refinement.cameras)
+    current = _associated(observations, start, still, 1.0, settings)
+    current = _associated(observations, start, still, current.ratio, settings)
     if len(current.member) == 0:
         raise InsufficientDataError(
-            f"No person is seen by {refinement.cameras} cameras at once within the angular "
+            f"No person is seen by {CAMERAS} cameras at once within the angular "
             f"tolerance, in {len(observations)} detections of {len(observations.frames)} frames: "
             "the rig is too inaccurate to be refined, or the views do not overlap."
         )
@@ -149,10 +142,8 @@ def _refine_by_paper(
     residuals, people = [current.residual], [len(current.member)]
     for done in range(rounds):
         report("refinement", done, rounds)
-        step = _adjusted(observations, current, start, refinement)
-        current = _associated(
-            observations, start, step, current.ratio, settings, refinement.cameras
-        )
+        step = _adjusted(observations, current, start)
+        current = _associated(observations, start, step, current.ratio, settings)
         residuals.append(current.residual)
         people.append(len(current.member))
         if len(current.member) == 0:
@@ -160,15 +151,15 @@ def _refine_by_paper(
         if current.residual < best.residual:
             best, chosen = current, done + 1
     report("refinement", rounds, rounds)
-    refined = scene if chosen == 0 else _scene(frame, scene, best, refinement)
+    refined = scene if chosen == 0 else _scene(frame, scene, best)
     return Refinement(refined, np.array(residuals), chosen, np.array(people))
 
 
-def _require_cameras(detections: Detections, rig: Rig, needed: int) -> None:
+def _require_cameras(detections: Detections, rig: Rig) -> None:
     require_known_cameras(detections.camera, rig.camera_count)
-    if rig.registered.sum() < needed:
+    if rig.registered.sum() < CAMERAS:
         raise InsufficientDataError(
-            f"Refinement needs people seen by {needed} cameras, but only "
+            f"Refinement needs people seen by {CAMERAS} cameras, but only "
             f"{int(rig.registered.sum())} of {rig.camera_count} cameras are registered."
         )
 
@@ -187,7 +178,6 @@ def _associated(
     step: Float[np.ndarray, "cam 7"],
     ratio: float,
     settings: Settings,
-    needed: int,
 ) -> _Round:
     """Associate people with cameras that took a step, and measure how well their rays meet."""
     rig = moved_rig(start, step)
@@ -196,7 +186,7 @@ def _associated(
     if settings.rays.use_ankles:
         ratio = learn_pose_ratio(observations, rays, groups, settings)
     rays = weigh_rays(observations, rays, ratio, settings)
-    member = groups[(groups >= 0).sum(1) >= needed]
+    member = groups[(groups >= 0).sum(1) >= CAMERAS]
     points, residual = triangulate_groups(
         rays, member, settings.triangulation, sigma_theta=settings.rays.sigma_theta
     )
@@ -206,7 +196,7 @@ def _associated(
 
 
 def _adjusted(
-    observations: Observations, current: _Round, start: Rig, refinement: RefinementSettings
+    observations: Observations, current: _Round, start: Rig
 ) -> Float[np.ndarray, "cam 7"]:
     """Adjust the cameras to the people of a round; return their step from the start."""
     member = current.member
@@ -214,14 +204,8 @@ def _adjusted(
     direction = np.asarray(current.rays.direction, np.float64)[member]
     # Projected rays are the foot pixels without lens distortion.
     pixel = project_directions(current.rig, direction)
-    return adjust(
-        FootPixels(pixel, weight),
-        start,
-        current.step,
-        current.points,
-        tie=refinement.tie,
-        iterations=refinement.iterations,
-    ).step
+    sightings = FootPixels(pixel, weight)
+    return adjust(sightings, start, current.step, current.points, iterations=STEPS).step
 
 
 def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray, " n"]:
@@ -238,40 +222,30 @@ def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray,
     return weight
 
 
-def _scene(
-    frame: CanonicalFrame, original: Scene, best: _Round, refinement: RefinementSettings
-) -> Scene:
+def _scene(frame: CanonicalFrame, original: Scene, best: _Round) -> Scene:
     """Transform the scene of a round to the world frame of the given scene."""
     R = np.asarray(best.rig.R) @ frame.axes.T
     t = -np.einsum("cij,cj->ci", R, frame.to_world(np.asarray(best.rig.centers)))
     refined = with_registered(original.rig, np.asarray(best.rig.K), R, t)
-    ground = original.ground
-    if refinement.refit_ground:
-        height, slope_x, slope_y = ground_under_people(
-            best.points, tilt=refinement.ground_tilt, offset=refinement.ground_offset
-        )
-        normal = frame.axes @ np.array([-slope_x, -slope_y, 1.0])
-        normal /= np.linalg.norm(normal)
-        ground = Plane(normal, -normal @ frame.to_world(np.array([0.0, 0.0, height])))
+    height, slope_x, slope_y = ground_under_people(best.points)
+    normal = frame.axes @ np.array([-slope_x, -slope_y, 1.0])
+    normal /= np.linalg.norm(normal)
+    ground = Plane(normal, -normal @ frame.to_world(np.array([0.0, 0.0, height])))
     return replace(original, rig=refined, ground=ground)
 
 
-def ground_under_people(
-    points: Float[np.ndarray, "person 3"], *, tilt: float, offset: float
-) -> Float[np.ndarray, "3"]:
+def ground_under_people(points: Float[np.ndarray, "person 3"]) -> Float[np.ndarray, "3"]:
     """Fit the ground to people's feet, with the assumed ground z = 0 as a prior.
 
     Args:
         points: (P, 3) feet in the canonical frame, possibly with outliers.
-        tilt: standard deviation in radians of the assumed ground's slope along x and along y.
-        offset: standard deviation of the assumed ground's height in units of the points.
 
     Returns:
         (3,) height above the origin and slopes along x and y of `z = height + slope · (x, y)`.
         A slope that the people do not constrain (all on one line) stays near 0.
     """
     design = np.column_stack([np.ones(len(points)), points[:, :2]])
-    tie = np.array([offset, tilt, tilt]) ** -2.0
+    tie = np.array([GROUND_OFFSET_SD, GROUND_TILT_SD, GROUND_TILT_SD]) ** -2.0
     plane = np.array([np.median(points[:, 2]), 0.0, 0.0])
     for _ in range(GROUND_ITERATIONS):
         residual = np.abs(points[:, 2] - design @ plane)

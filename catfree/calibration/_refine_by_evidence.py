@@ -14,16 +14,16 @@ from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from catfree.calibration._adjusted_cameras import with_registered
-from catfree.calibration._bundle_adjustment import CameraTie
+from catfree.calibration._bundle_adjustment import CENTER_SD, FOCAL_SD, ROTATION_SD
 from catfree.calibration._confident_people import ConfidentPeople, confident_people
-from catfree.calibration._refinement import SAME_RESIDUAL, Refinement, RefinementSettings
+from catfree.calibration._refinement import CAMERAS, MOST_FRAMES, SAME_RESIDUAL, STEPS, Refinement
 from catfree.calibration.people._correspondences import adjust_groups
 from catfree.calibration.people._radial_lens import ideal_pixels
 from catfree.calibration.people.adjustment._people_bundle import BoxMeasurements, KnownCameras
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, of_rig, rotation
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame, Similarity, transform_scene
-from catfree.geometry._person import edge_deviation
+from catfree.geometry._person import edge_deviation, edges_of
 from catfree.methods.paper.association import (
     Observations,
     associate_in_two_passes,
@@ -32,7 +32,7 @@ from catfree.methods.paper.association import (
     triangulate_groups,
 )
 from catfree.settings import CalibrationSettings, Settings
-from catfree.types import Detections, Rig, Scene
+from catfree.types import Detections, Rays, Rig, Scene
 from catfree.types._annotations import Progress
 from catfree.types._sampling import evenly_spread
 
@@ -42,9 +42,10 @@ RUN = 10  # consecutive frames used together: enough to track people
 
 
 class _Judged(NamedTuple):
-    """A scene, the confident people of the evidence method in it, and their residual."""
+    """A scene, the rays of all boxes in it, its confident people and their residual."""
 
     scene: Scene
+    rays: Rays
     people: ConfidentPeople
     residual: float
 
@@ -54,7 +55,6 @@ def refine_by_evidence(
     scene: Scene,
     settings: Settings,
     rounds: int,
-    refinement: RefinementSettings,
     report: Progress,
 ) -> Refinement:
     """Alternate the evidence method and a bundle adjustment until the residual stops falling.
@@ -64,7 +64,6 @@ def refine_by_evidence(
         scene: initial cameras and ground; a prior ties the cameras to their poses in it.
         settings: of the evidence method and of the bundle adjustment of `calibrate`.
         rounds: maximum number of rounds.
-        refinement: constants of the refinement.
         report: called as `report("refinement", done, rounds)`.
 
     Returns:
@@ -74,23 +73,24 @@ def refine_by_evidence(
     Raises:
         InsufficientDataError: if no person is confidently seen by enough cameras.
     """
-    detections = detections[in_runs(detections.frame, refinement.maximum_frames)]
+    detections = detections[in_runs(detections.frame, MOST_FRAMES)]
+    observations = observe(detections, scene.rig, keep=np.ones(len(detections), bool))
 
     def judged(candidate: Scene) -> _Judged | None:
         """Judge a scene; None if too few people remain."""
         try:
-            result = _judge(detections, candidate, settings, refinement.cameras)
+            result = _judge(detections, observations, candidate, settings)
         except InsufficientDataError:
             return None
         return result if len(result.people.member) >= FEWEST_LEFT * people[0] else None
 
     def adjusted(at: _Judged, people: ConfidentPeople) -> Scene:
-        return _adjusted(detections, at.scene, people, scene, settings.calibration, refinement)
+        return _adjusted(detections, at.scene, people, scene, settings.calibration)
 
-    current = _judge(detections, scene, settings, refinement.cameras)
+    current = _judge(detections, observations, scene, settings)
     if len(current.people.member) == 0:
         raise InsufficientDataError(
-            f"No person is confidently seen by {refinement.cameras} cameras at once in "
+            f"No person is confidently seen by {CAMERAS} cameras at once in "
             f"{len(detections)} detections of {len(np.unique(detections.frame))} frames: the rig "
             "is too inaccurate to be refined, or the views do not overlap."
         )
@@ -103,7 +103,7 @@ def refine_by_evidence(
         report("refinement", done, rounds)
         proposed = judged(adjusted(current, current.people))
         if use_paper_groups:
-            paper_people = _people_of_paper(detections, current, settings, refinement.cameras)
+            paper_people = _people_of_paper(detections, observations, current, settings)
             alternative = (
                 judged(adjusted(current, paper_people)) if len(paper_people.member) else None
             )
@@ -121,10 +121,7 @@ def refine_by_evidence(
         if current.residual < best.residual:
             best, chosen = current, done + 1
     report("refinement", rounds, rounds)
-    refined = best.scene
-    if not refinement.refit_ground:
-        refined = replace(scene, rig=refined.rig)
-    return Refinement(refined, np.array(residuals), chosen, np.array(people))
+    return Refinement(best.scene, np.array(residuals), chosen, np.array(people))
 
 
 def in_runs(frame: np.ndarray, most: int) -> Bool[np.ndarray, " n"]:
@@ -140,42 +137,34 @@ def in_runs(frame: np.ndarray, most: int) -> Bool[np.ndarray, " n"]:
     return np.isin(frame, frames[np.unique(starts[:, None] + np.arange(length))])
 
 
-def _judge(detections: Detections, scene: Scene, settings: Settings, fewest: int) -> _Judged:
+def _judge(
+    detections: Detections, observations: Observations, scene: Scene, settings: Settings
+) -> _Judged:
     """Find the confident people and the median angle between their foot rays and positions."""
-    people = confident_people(detections, scene, settings.evidence, fewest_views=fewest)
-    rig, observations = _observed(detections, scene)
+    people = confident_people(detections, scene, settings.evidence)
+    rays = cast_rays(observations, CanonicalFrame.of(scene).rig(scene.rig))
     index = np.empty(len(detections), int)
     index[observations.row] = np.arange(len(detections))
     member = np.where(people.member >= 0, index[people.member], -1)
     _, angle = triangulate_groups(
-        cast_rays(observations, rig),
-        member,
-        settings.triangulation,
-        sigma_theta=settings.rays.sigma_theta,
+        rays, member, settings.triangulation, sigma_theta=settings.rays.sigma_theta
     )
     residual = float(np.median(angle[member >= 0])) if len(member) else np.inf
-    return _Judged(scene, people, residual)
-
-
-def _observed(detections: Detections, scene: Scene) -> tuple[Rig, Observations]:
-    """Return the rig in the canonical frame and all detections in canonical order."""
-    rig = CanonicalFrame.of(scene).rig(scene.rig)
-    return rig, observe(detections, rig, keep=np.ones(len(detections), bool))
+    return _Judged(scene, rays, people, residual)
 
 
 def _people_of_paper(
-    detections: Detections, judged: _Judged, settings: Settings, fewest: int
+    detections: Detections, observations: Observations, judged: _Judged, settings: Settings
 ) -> ConfidentPeople:
     """Group people with the paper's method: by feet within a wide tolerance and by appearance.
 
     If cameras are off by a degree, the evidence method merges neighbors, and a wrong rig seems
     consistent to it. Appearance does not depend on the rig.
     """
-    rig, observations = _observed(detections, judged.scene)
-    groups, _, _ = associate_in_two_passes(observations, cast_rays(observations, rig), settings)
+    groups, _, _ = associate_in_two_passes(observations, judged.rays, settings)
     member = np.where(groups >= 0, observations.row[groups], -1)
     cameras = int((member >= 0).any(0).sum())
-    fewest = max(fewest, -(-cameras // 2))
+    fewest = max(CAMERAS, -(-cameras // 2))
     rules = settings.calibration
     sd = edge_deviation(detections.height, rules.relative_sd, rules.pixel_sd)
     return judged.people._replace(
@@ -189,7 +178,6 @@ def _adjusted(
     people: ConfidentPeople,
     original: Scene,
     settings: CalibrationSettings,
-    refinement: RefinementSettings,
 ) -> Scene:
     """Adjust the scene to the people of a round.
 
@@ -202,7 +190,8 @@ def _adjusted(
     start = _parameters(frame, rig, unit_in_meters)
     # The boxes of a person share their errors over time (shoes, build, detector bias), so all of
     # them together are no more informative about the cameras than one.
-    precision = max(people.repeats, 1.0) * _precision(refinement.tie, unit_in_meters)
+    deviation = [FOCAL_SD] + [ROTATION_SD] * 3 + [CENTER_SD * unit_in_meters] * 3
+    precision = max(people.repeats, 1.0) * np.array(deviation) ** -2.0
     person, camera = np.nonzero(people.member >= 0)
     row = people.member[person, camera]
     result = adjust_groups(
@@ -214,7 +203,7 @@ def _adjusted(
         ),
         settings,
         focal_spread=np.inf,
-        iterations=refinement.iterations,
+        iterations=STEPS,
     )
     moved = np.where(np.isfinite(result.parameters), result.parameters, start)
     K = np.array(rig.K, np.float64)
@@ -233,12 +222,6 @@ def _parameters(
     return parameters
 
 
-def _precision(tie: CameraTie, unit_in_meters: float) -> Float[np.ndarray, "7"]:
-    """Inverse variances in parameter order of the bundle adjustment."""
-    deviation = [tie.log_focal] + [tie.rotation] * 3 + [tie.center * unit_in_meters] * 3
-    return np.array(deviation) ** -2.0
-
-
 def _ideal_boxes(detections: Detections, rig: Rig) -> Float[np.ndarray, "n 3"]:
     """Center, top and bottom of boxes for an ideal camera with square pixels and no distortion.
 
@@ -246,10 +229,8 @@ def _ideal_boxes(detections: Detections, rig: Rig) -> Float[np.ndarray, "n 3"]:
     """
     box, camera = np.asarray(detections.box, np.float64), detections.camera
     middle = (box[:, 0] + box[:, 2]) / 2
-    head, foot = (
-        ideal_pixels(rig, camera, np.column_stack([middle, box[:, edge]])) for edge in (1, 3)
-    )
-    return np.column_stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]])
+    ends = (ideal_pixels(rig, camera, np.column_stack([middle, box[:, edge]])) for edge in (1, 3))
+    return edges_of(*ends)
 
 
 def _aligned_to(original: Scene, moved: Scene) -> Scene:

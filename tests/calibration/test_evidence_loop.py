@@ -61,7 +61,7 @@ def test_a_camera_without_people_is_placed_anew(loop, right):
 
 
 def test_a_rig_that_lacks_a_camera_and_has_another_beside_its_place(loop, right):
-    lacking = without_camera(moved(right, WRONG, 1.5, -1.0), MISSING, SETTINGS.calibration)
+    lacking = without_camera(moved(right, WRONG, 1.5, -1.0), MISSING)
     found = loop.settle(lacking)
     assert found.scene.rig.registered.all()
     assert furthest(found, right) < 0.3
@@ -70,7 +70,7 @@ def test_a_rig_that_lacks_a_camera_and_has_another_beside_its_place(loop, right)
 def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
     few = moved(right, WRONG, 1.5, -1.0)
     for camera in (0, 1, MISSING):
-        few = without_camera(few, camera, SETTINGS.calibration)
+        few = without_camera(few, camera)
     assert loop.replace_outliers(few) is few
 
 
@@ -96,7 +96,7 @@ def test_cameras_that_agree_on_nobody_do_not_outvote_one(world, right):
     with pytest.raises(CalibrationError, match="Camera 'gate 2' contradicts the others"):
         loop.without_outliers(outlier)
     for camera in (0, 1, MISSING):
-        outlier = without_camera(outlier, camera, SETTINGS.calibration)
+        outlier = without_camera(outlier, camera)
     pair = loop.without_outliers(outlier)  # two cameras never share confident people
     assert pair.scene.rig.registered.tolist() == [c in (3, 4) for c in range(6)]
 

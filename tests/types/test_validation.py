@@ -63,7 +63,6 @@ calls = {
     ),
     "check, no localization": lambda: cf.check(scene, people, localization=5),
     "refine, swapped": lambda: cf.refine(scene, people),
-    "refine, no refinement": lambda: cf.refine(people, scene, refinement=5),
     "save, no path": lambda: people.save(None),
     "load, no path": lambda: cf.Scene.load(None),
     "read_scene, no path": lambda: cf.read_scene(5),

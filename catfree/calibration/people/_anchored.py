@@ -42,7 +42,7 @@ from catfree.calibration.people.cameras._camera_model import (
     of_rig,
     rotation,
 )
-from catfree.calibration.people.cameras._rig_deviation import scale_variance, shape_deviation
+from catfree.calibration.people.cameras._rig_deviation import scale_deviation, shape_deviation
 from catfree.errors import CalibrationError, InvalidInputError, shortened
 from catfree.settings import CalibrationSettings
 from catfree.types import GeoReference
@@ -526,7 +526,7 @@ def _described(
         focal_sd=np.where(known, focal * np.sqrt(blocks[:, LOG_FOCAL, LOG_FOCAL]), np.nan),
         center_covariance=np.where(known[:, None, None], blocks[:, X:, X:], np.nan),
         camera_covariance=covariance,
-        scale_sd=float(np.sqrt(scale_variance(cameras, covariance, known))),
+        scale_sd=scale_deviation(cameras, covariance, known),
         crowd_height=crowd_height,
         crowd_height_sd=float(crowd_height * np.sqrt(fit.covariance[-4, -4])),
         foot_offset=calibration.foot_offset * scale,

@@ -85,23 +85,17 @@ def grid_boxes(
         The grid. Boxes that touch the image border are omitted, since at least one of their edges
         is not an edge of the person.
     """
-    camera_count = len(size)
     frames = evenly_spread(np.unique(detections.frame), settings.maximum_frames)
-    box = np.asarray(detections.box, np.float64)
-    camera = np.clip(detections.camera, 0, camera_count - 1)
-    inside = (
-        ~cut_by_border(box, size[camera], settings.border).any(1)
-        & (detections.camera < camera_count)
-        & np.isin(detections.frame, frames)
-    )
-    row = np.flatnonzero(inside)
+    box, camera = np.asarray(detections.box, np.float64), detections.camera
+    is_cut = cut_by_border(box, size[camera], settings.border).any(1)
+    row = np.flatnonzero(~is_cut & np.isin(detections.frame, frames))
     time = np.searchsorted(frames, detections.frame[row])
     order = np.lexsort((box[row, 0], box[row, 3], time, camera[row]))
     row, time = row[order], time[order]
     group = camera[row] * len(frames) + time
-    counts = np.bincount(group, minlength=camera_count * len(frames))
+    counts = np.bincount(group, minlength=len(size) * len(frames))
     slot = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
-    shape = (camera_count, len(frames), max(1, int(counts.max(initial=1))))
+    shape = (len(size), len(frames), int(counts.max(initial=1)))
     at = (camera[row], time, slot)
     edges = edges_from_center(box[row], size[camera[row]])
     if lenses is not None:

@@ -27,7 +27,7 @@ from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
 from catfree.calibration.people.search._growth import accepted_candidates
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
-from catfree.types import Detections
+from catfree.types import Detections, Rig
 from catfree.types._sampling import frame_step
 from catfree.types._validation import shown_camera
 
@@ -62,23 +62,12 @@ def reconsider(
                 continue
         state = state.with_camera(camera, parameters)
         changed[camera] = verdict
-    return _with_cameras(calibration, state, changed, anew=list(changed)) if changed else None
+    return _with_cameras(calibration, state, changed) if changed else None
 
 
-def without_camera(
-    calibration: Calibration, camera: int, settings: CalibrationSettings
-) -> Calibration:
-    """Remove a camera from the rig.
-
-    Args:
-        calibration: a rig.
-        camera: index of the camera.
-        settings: constants.
-
-    Returns:
-        The rig in which the camera is not registered and holds NaN.
-    """
-    return _with_cameras(calibration, _state(calibration, settings).without_camera(camera), {})
+def without_camera(calibration: Calibration, camera: int) -> Calibration:
+    """Remove a camera from the rig, in which it is then not registered and holds NaN."""
+    return _with_cameras(calibration, _state(calibration.scene.rig).without_camera(camera), {})
 
 
 def places_for(
@@ -97,12 +86,7 @@ def places_for(
     """
     work, state = _resume(calibration, detections, settings)
     return [
-        _with_cameras(
-            calibration,
-            state.with_camera(camera, parameters),
-            {camera: verdict},
-            anew=[camera],
-        )
+        _with_cameras(calibration, state.with_camera(camera, parameters), {camera: verdict})
         for parameters, verdict in accepted_candidates(work, state, camera)
     ]
 
@@ -189,7 +173,7 @@ def without_vague_cameras(
             "walked near and far."
         )
     for camera in vague:
-        calibration = without_camera(calibration, int(camera), settings)
+        calibration = without_camera(calibration, int(camera))
     return calibration
 
 
@@ -200,39 +184,34 @@ def _resume(
     rig = calibration.scene.rig
     size, lenses = np.asarray(rig.image_size), RadialLenses.of(rig)
     work = prepare(detections, size, settings, None, lenses)
-    return work, _state(calibration, settings)
+    return work, _state(rig)
 
 
-def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
-    """Convert the cameras of a finished rig to a `RigState`."""
-    return RigState(of_rig(calibration.scene.rig), RANGE_ERRORS[-1])
+def _state(rig: Rig) -> RigState:
+    return RigState(of_rig(rig), RANGE_ERRORS[-1])
 
 
 def _with_cameras(
-    calibration: Calibration,
-    state: RigState,
-    verdicts: dict[int, PlacementVerdict],
-    *,
-    anew: Sequence[int] = (),
+    calibration: Calibration, state: RigState, verdicts: dict[int, PlacementVerdict]
 ) -> Calibration:
     """Replace the cameras of the calibration and update the evidence in `verdicts`.
 
-    The uncertainties of the newly placed cameras in `anew` become NaN.
+    The uncertainties of cameras that were placed or moved become NaN.
     """
     rig = calibration.scene.rig
-    association = np.where(state.placed, calibration.association_rate, np.nan)
-    evidence = np.where(state.placed, calibration.log_likelihood_ratio, np.nan)
+    kept = (state.parameters == of_rig(rig)).all(1)
+    association = np.where(kept, calibration.association_rate, np.nan)
+    evidence = np.where(kept, calibration.log_likelihood_ratio, np.nan)
     for camera, verdict in verdicts.items():
         association[camera] = verdict.judgment.association
         evidence[camera] = verdict.margin
-    kept = state.placed & ~np.isin(np.arange(len(state.placed)), anew)
     covariance = np.where(kept[:, None, None], calibration.center_covariance, np.nan)
     pairs = np.logical_and.outer(kept, kept)[:, None, :, None]
     present = np.logical_and.outer(state.placed, state.placed)[:, None, :, None]
     joint = np.where(pairs, calibration.camera_covariance, np.where(present, np.nan, 0.0))
     scene = scene_of(state.parameters, rig.image_size, RadialLenses.of(rig).k1)
     rig_sd = calibration.scene.rig_sd
-    if anew or (state.placed != rig.registered).any():
+    if (kept != (state.placed | rig.registered)).any():
         rig_sd = shape_deviation(state.parameters, joint, state.placed)
     return replace(
         calibration,

@@ -25,7 +25,7 @@ from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, map_ground
 from catfree.calibration.people.cameras._rig_deviation import (
     crowd_deviation,
-    scale_variance,
+    scale_deviation,
     shape_deviation,
 )
 from catfree.errors import InsufficientDataError, InvalidInputError
@@ -139,7 +139,7 @@ def refine_with_correspondences(
     crowd_sd = crowd_deviation(len(members) / instants, settings)
     known, covariance = registered & adjusted, result.camera_covariance()
     rig_sd = shape_deviation(result.parameters, result.camera_covariance(repeats), known)
-    scale_sd = np.sqrt(scale_variance(result.parameters, covariance, known))
+    scale_sd = scale_deviation(result.parameters, covariance, known)
     return replace(
         calibration,
         scene=replace(scene, rig_sd=rig_sd),

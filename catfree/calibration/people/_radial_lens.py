@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from catfree.geometry._buckets import in_blocks
+from catfree.geometry._person import edges_of
 from catfree.geometry.camera import undistort
 from catfree.methods.evidence.observe._boxes import undistorted_pixels
 from catfree.types import Rig
@@ -55,9 +56,8 @@ class RadialLenses:
         focal = self.focal[camera]
         rows = [np.stack([edges[:, 0], edges[:, i]], -1) / focal[:, None] for i in (1, 2)]
         with jax.enable_x64(True):
-            (head, foot) = (in_blocks(_undistorted, (row, self.k1[camera]), BLOCK) for row in rows)
-        column = (head[:, 0] + foot[:, 0]) / 2
-        return np.stack([column, head[:, 1], foot[:, 1]], -1) * focal[:, None]
+            head, foot = (in_blocks(_undistorted, (row, self.k1[camera]), BLOCK) for row in rows)
+        return edges_of(head, foot) * focal[:, None]
 
 
 def radial_distortion(rig: Rig) -> Float[np.ndarray, " cam"]:

@@ -11,7 +11,7 @@ from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.adjustment._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
-from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_variance
+from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_deviation
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._clock_offsets import find_offsets
 from catfree.calibration.people.search._register_cameras import register_cameras
@@ -293,7 +293,7 @@ def describe_registration(
         center_covariance=np.where(trusted[:, None, None], bundle.center_covariance, np.nan),
         shared_focal=registered.shared_focal,
         scale_sd=np.hypot(
-            np.sqrt(scale_variance(parameters, bundle.camera_covariance(), trusted)),
+            scale_deviation(parameters, bundle.camera_covariance(), trusted),
             crowd_sd / work.settings.person_height,
         ).item(),
         crowd_height=work.settings.person_height,

@@ -8,15 +8,13 @@ within the usual deviations of a rig. They are unknowns, too: people who walk to
 not look like a camera that turns.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration.watching._matching import (
-    LAG,
-    PARAMETERS,
-    TURN,
     BoxMatches,
     best,
     candidates,
@@ -24,7 +22,7 @@ from catfree.calibration.watching._matching import (
     match_boxes,
     whole_steps,
 )
-from catfree.calibration.watching._sights import Sights, linear
+from catfree.calibration.watching._sights import CENTER, LAG, PARAMETERS, TURN, Sights, linear
 from catfree.geometry._least_squares import CAUCHY
 
 ROUNDS = 3  # of matching and solving
@@ -89,36 +87,29 @@ def solve_window(
         The window, and (C, 8) the errors that fit it.
     """
     people, count = sights.people, len(sights.place)
-    low, high = map(int, np.searchsorted(people.frame, [begin, stop]))
-    person = np.arange(low, high)
+    person = people.between(begin, stop)
     errors = start.copy()
     registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
     present = (sights.boxes.frame >= begin) & (sights.boxes.frame < stop)
     boxes = np.bincount(sights.boxes.camera[present], minlength=count)
     if shifts is not None:
         for camera in np.flatnonzero(boxes).tolist():
-            others = sights.seen_by_others(camera, begin, stop)
+            others = people.seen_by_others(camera, person)
             tried = candidates(sights, camera, others, shifts)
             errors[camera] = best(sights, camera, others, errors[camera], tried)
-    state = people.state[person].copy()
-    begun = errors.ravel()
+    state, begun = people.state[person], errors.ravel()
     matrix, vector = np.zeros((0, len(begun), len(begun))), np.zeros((0, len(begun)))
-    matches_by_camera: dict[int, BoxMatches] = {}
+    matches: list[BoxMatches] = []
     for _ in range(ROUNDS):
         matches = match_boxes(sights, person, state, registered, errors[registered])
-        matches_by_camera = dict(zip(registered.tolist(), matches, strict=True))
-        matrix, vector, errors, state = _solve(
-            sights, person, state, matches_by_camera, errors, begun, noise
-        )
-    blank = np.zeros(count, np.int64)
-    matched, expected, distinct = blank.copy(), blank.copy(), blank.copy()
-    for camera, matches in matches_by_camera.items():
+        matrix, vector, errors, state = _solve(sights, person, state, matches, errors, begun, noise)
+    matched, expected, distinct = np.zeros((3, count), np.int64)
+    for camera, found in zip(registered.tolist(), matches, strict=True):
         # A camera's own boxes do not make a person expected.
-        support = people.support[matches.expected]
-        others = (support >= 0).sum(-1) - (support[:, camera] >= 0) >= 2
-        expected[camera] = others.sum()
-        matched[camera] = np.isin(matches.person, matches.expected[others]).sum()
-        distinct[camera] = len(np.unique(people.track[matches.expected[others]]))
+        others = people.seen_by_others(camera, found.expected)
+        expected[camera] = len(others)
+        matched[camera] = np.isin(found.person, others).sum()
+        distinct[camera] = len(np.unique(people.track[others]))
     window = Window(begin, stop, matrix, vector, matched, expected, distinct, boxes)
     return window, errors
 
@@ -184,7 +175,7 @@ def _solve(
     sights: Sights,
     person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
-    matches_by_camera: dict[int, BoxMatches],
+    matches: Sequence[BoxMatches],
     present: Float[np.ndarray, "cam 8"],
     begun: Float[np.ndarray, " p"],
     noise: Float[np.ndarray, "3"],
@@ -207,19 +198,16 @@ def _solve(
     residual = np.zeros((m, count, 3))
     slope = np.zeros((m, count, 3, PARAMETERS + 3))
     precision = np.zeros((m, count, 3))
-    nobody = np.zeros(0, np.int64)
-    camera = np.concatenate(
-        [nobody, *(np.full(len(one.box), c) for c, one in matches_by_camera.items())]
-    )
-    row = np.concatenate([nobody, *(one.person for one in matches_by_camera.values())])
-    velocity, row = people.velocity[row], np.searchsorted(person, row)
-    box = np.concatenate([nobody, *(one.box for one in matches_by_camera.values())])
+    shown = np.concatenate([one.person for one in matches])
+    box = np.concatenate([one.box for one in matches])
+    camera = boxes.camera[box]
+    row, velocity = np.searchsorted(person, shown), people.velocity[shown]
     rest = present[:, LAG] - whole_steps(present)
     moved = state[row]
     moved[:, :2] -= rest[camera] * velocity
     place = corrected_place(sights, np.arange(count), present)
     value, slopes = linear(moved, velocity, place[camera])
-    slopes[..., 4:7] *= sights.unit
+    slopes[..., CENTER] *= sights.unit
     slope[row, camera], residual[row, camera] = slopes, boxes.angle[box] - value
     sd = noise * boxes.size[box, None] + FLOOR
     precision[row, camera] = np.where(boxes.whole[box], sd**-2.0, 0.0)
@@ -227,7 +215,7 @@ def _solve(
     precision *= used[:, None, None]
     tall = people.state[person, 2]
     held = (HEIGHT_SD * tall) ** -2.0
-    theta = present.ravel()
+    theta, known = present.ravel(), prior(count)
     pull = held * (tall - state[:, 2])
     equations = _Equations.of(slope, residual, precision, held, pull)
     step, shift = np.zeros(p), np.zeros((m, 3))
@@ -239,10 +227,8 @@ def _solve(
             equations = _Equations.of(slope, residual, precision * weight, held, pull)
         # A window alone tells turns and lags only; matches need no more.
         matrix, vector = equations.sums(slice(None))
-        total = matrix + prior(count)
-        step = np.zeros(p)
-        needed = (vector - prior(count) @ (theta - begun))[quick]
-        step[quick] = np.linalg.solve(total[np.ix_(quick, quick)], needed)
+        needed = (vector - known @ (theta - begun))[quick]
+        step[quick] = np.linalg.solve((matrix + known)[np.ix_(quick, quick)], needed)
         shift = equations.solution[..., p] - equations.solution[..., :p] @ step
     step = step.reshape(count, PARAMETERS)
     step[:, TURN] = np.clip(step[:, TURN], -LARGEST_STEP, LARGEST_STEP)

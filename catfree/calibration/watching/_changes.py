@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import fdtrc
 
 from catfree.calibration.watching._agreement import Window, prior
-from catfree.calibration.watching._matching import LAG, PARAMETERS, TURN
+from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN
 
 KINDS = (TURN, LAG)
 REPEATS = (3, 1, PARAMETERS - 4)  # parameters of the turn, the lag and the rest

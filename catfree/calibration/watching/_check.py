@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import ndtri
 
-from catfree.calibration.watching._changes import Course, as_turns, lost_since
+from catfree.calibration.watching._changes import Change, Course, as_turns, lost_since
 from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
-from catfree.calibration.watching._matching import LAG, PARAMETERS, TURN
-from catfree.calibration.watching._sights import linear
+from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, linear
 from catfree.calibration.watching._swapped import FEWEST_EXPECTED, swapped_cameras
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import Watched, watch_windows
@@ -284,13 +283,13 @@ class _Judge:
 
     def camera(self, camera: int) -> CameraCheck:
         """Judge one camera."""
-        sights = self.watched.sights
-        value, covariance = self.course.at(len(self.watched.windows) - 1)
-        columns = slice(PARAMETERS * camera, PARAMETERS * camera + 4)
-        value, covariance = value[columns], covariance[columns, columns]
-        lag = float(value[3])
-        constant, constant_covariance = self.turns.at(len(self.watched.windows) - 1)
-        turn, turn_covariance = constant[columns][:3], constant_covariance[columns, columns][:3, :3]
+        sights, last = self.watched.sights, len(self.watched.windows) - 1
+        of_lag, of_turn = (Change(camera, kind, 0).columns for kind in (LAG, TURN))
+        value, covariance = self.course.at(last)
+        lag = value[of_lag].item()
+        lag_sd = float(np.sqrt(covariance[of_lag, of_lag].item()))
+        value, covariance = self.turns.at(last)
+        turn, turn_covariance = value[of_turn], covariance[of_turn, of_turn]
         turns, jumps = (self._changes(camera, kind) for kind in (TURN, LAG))
         if turns:
             turn, turn_covariance = self.course.of_changes(turns)
@@ -300,20 +299,14 @@ class _Judge:
             lag = 0.0
         angle, angle_sd = _angle(turn, turn_covariance)
         pixels, ground = self._displacement(camera, turn)
-        lag_sd = float(np.sqrt(covariance[3, 3]))
-        outcome = self._without_people(camera)
-        measured = outcome is None
-        if outcome is None:
-            chance = float(-ndtri(self.alpha / 2))
-            off = ground / sights.unit if angle > chance * angle_sd else 0.0
-            is_late = abs(lag) > max(WHOLE_FRAME, chance * lag_sd)
-            outcome = self._from_errors(turns, jumps, off, is_late=is_late)
+        chance = float(-ndtri(self.alpha / 2))
+        off = ground / sights.unit if angle > chance * angle_sd else 0.0
+        is_late = abs(lag) > max(WHOLE_FRAME, chance * lag_sd)
+        unmeasured = self._without_people(camera)
+        outcome = unmeasured or self._from_errors(turns, jumps, off, is_late=is_late)
         matched, expected = (self._counts(camera, name) for name in ("matched", "expected"))
         result = CameraCheck(
             camera=camera,
-            verdict=outcome.verdict,
-            since=outcome.since,
-            since_sd=outcome.since_sd,
             turn=turn,
             turn_covariance=turn_covariance,
             degrees=angle,
@@ -323,12 +316,12 @@ class _Judge:
             lag=lag * sights.step,
             lag_sd=lag_sd * sights.step,
             matched=float(matched.sum() / expected.sum()) if expected.any() else float("nan"),
-            advice=outcome.advice,
+            **outcome._asdict(),
         )
-        measured_error = (
-            _measured(result, "m" if sights.scene.metric else "scene units") if measured else ""
-        )
-        return replace(result, advice=measured_error + outcome.advice)
+        if unmeasured:
+            return result
+        unit = "m" if sights.scene.metric else "scene units"
+        return replace(result, advice=_measured(result, unit) + result.advice)
 
     def _counts(self, camera: int, name: str) -> Int[np.ndarray, " window"]:
         return np.array([getattr(window, name)[camera] for window in self.watched.windows])

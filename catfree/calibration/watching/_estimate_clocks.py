@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.watching._matching import LAG, PARAMETERS
+from catfree.calibration.watching._sights import LAG, PARAMETERS
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import watch_windows
 from catfree.settings import Settings

@@ -1,10 +1,4 @@
-"""Match the boxes of one camera with the people that the others saw, also if it turned or lags.
-
-The error of a camera is an array of 8 numbers: its turn, a rotation vector in its axes in radians;
-its lag, the steps by which it shows an earlier instant than its frame numbers say; the displacement
-of its center along the ground's axes and upward, in person heights; and its zoom, the natural log
-by which its focal length is longer.
-"""
+"""Match the boxes of one camera with the people that the others saw, also if it turned or lags."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -13,11 +7,18 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from catfree.calibration.watching._sights import SightedBoxes, Sights, predicted
+from catfree.calibration.watching._sights import (
+    CENTER,
+    LAG,
+    PARAMETERS,
+    TURN,
+    ZOOM,
+    SightedBoxes,
+    Sights,
+    predicted,
+)
 from catfree.types._sampling import equal_pairs
 
-PARAMETERS = 8  # of the error of a camera
-TURN, LAG, CENTER, ZOOM = slice(0, 3), slice(3, 4), slice(4, 7), slice(7, 8)
 SPREAD = 0.12  # of a box height; deviation of a box from a person that it may show
 GATE = 3.0  # deviations; the largest distance of a match
 ALIKE = 0.35  # natural log; the largest ratio of the heights of a box and of a person in a vote

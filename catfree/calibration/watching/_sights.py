@@ -2,6 +2,11 @@
 
 An angle is an azimuth or an elevation in the axes of a camera: a turn of a camera moves all of its
 boxes by nearly the same angles, whatever its lens.
+
+The error of a camera is an array of 8 numbers: its turn, a rotation vector in its axes in radians;
+its lag, the steps by which it shows an earlier instant than its frame numbers say; the displacement
+of its center along the ground's axes and upward, in person heights; and its zoom, the natural log
+by which its focal length is longer.
 """
 
 from dataclasses import dataclass, replace
@@ -12,12 +17,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from catfree.geometry._buckets import in_blocks
-from catfree.geometry._person import visible_foot
+from catfree.geometry._person import edges_of, visible_foot
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
 from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Detections, Scene, Tracks
 from catfree.types._sampling import frame_step
 
+PARAMETERS = 8  # of the error of a camera
+TURN, LAG, CENTER, ZOOM = slice(0, 3), slice(3, 4), slice(4, 7), slice(7, 8)
 BORDER = 0.005  # of the image side; a box that ends nearer to its border may be cut by it
 HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
 BLOCK = 512  # sightings computed together
@@ -67,6 +74,15 @@ class SightedPeople:
     velocity: Float[np.ndarray, "m 2"]
     support: Int[np.ndarray, "m cam"]
 
+    def between(self, begin: int, stop: int) -> Int[np.ndarray, " k"]:
+        """(k,) the people from step `begin` to before `stop`."""
+        return np.arange(*np.searchsorted(self.frame, [begin, stop]))
+
+    def seen_by_others(self, camera: int, person: Int[np.ndarray, " k"]) -> Int[np.ndarray, " n"]:
+        """(n,) those of the people whom two or more other cameras see."""
+        has_box = self.support[person] >= 0
+        return person[has_box.sum(-1) - has_box[:, camera] >= 2]
+
 
 @dataclass(frozen=True)
 class Sights:
@@ -93,12 +109,6 @@ class Sights:
     step: int
     steps: int
     detections: Detections
-
-    def seen_by_others(self, camera: int, begin: int, stop: int) -> Int[np.ndarray, " m"]:
-        """(m,) people from step `begin` to before `stop` whom two or more other cameras see."""
-        low, high = np.searchsorted(self.people.frame, [begin, stop])
-        has_box = self.people.support[low:high] >= 0
-        return low + np.flatnonzero(has_box.sum(-1) - has_box[:, camera] >= 2)
 
     def imaged(
         self, camera: Int[np.ndarray, " n"], state: Float[np.ndarray, "n 3"]
@@ -157,11 +167,14 @@ def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> Sight
     camera, box = detections.camera[row], np.asarray(detections.box, np.float64)[row]
     middle = (box[:, 0] + box[:, 2]) / 2
     R = np.asarray(rig.R, np.float64)[camera]
-    ends = []
-    for edge in (1, 3):
-        ray = rays_of_pixels(rig, camera, np.column_stack([middle, box[:, edge]]))
-        ends.append(_directions(np.einsum("nij,nj->ni", R, ray)))
-    (head_azimuth, head), (foot_azimuth, foot) = ends
+
+    def direction(row: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """Azimuth and elevation of the middle of an edge."""
+        ray = rays_of_pixels(rig, camera, np.column_stack([middle, row]))
+        x, y, z = np.einsum("nij,nj->in", R, ray)
+        return np.column_stack([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
+
+    angle = edges_of(direction(box[:, 1]), direction(box[:, 3]))
     size = np.asarray(rig.image_size, np.float64)[camera]
     near, far = BORDER * size, (1 - BORDER) * size - 1
     whole = np.column_stack(
@@ -171,13 +184,8 @@ def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> Sight
             box[:, 3] < far[:, 1],
         ]
     )
-    angle = np.column_stack([(head_azimuth + foot_azimuth) / 2, head, foot])
     frame, height = (detections.frame[row] - first) // step, box[:, 3] - box[:, 1]
-    return SightedBoxes(frame, camera, angle, foot - head, height, whole)
-
-
-def _directions(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return np.arctan2(v[:, 0], v[:, 2]), np.arctan2(v[:, 1], np.hypot(v[:, 0], v[:, 2]))
+    return SightedBoxes(frame, camera, angle, angle[:, 2] - angle[:, 1], height, whole)
 
 
 def _people(
@@ -225,68 +233,60 @@ def _people(
 
 
 def predict_angles(
-    turn: Float[Array, "3"],
-    lag: Float[Array, ""],
+    error: Float[Array, "8"],
     state: Float[Array, "3"],
     velocity: Float[Array, "2"],
     place: Float[Array, "3 4"],
-    center: Float[Array, "3"],
-    zoom: Float[Array, ""],
 ) -> Float[Array, "3"]:
     """Predict the angles of a person's box in a camera.
 
     Args:
-        turn: (3,) small rotation of the camera's axes in radians, exact to first order.
-        lag: steps by which the camera shows an earlier instant than its frame numbers say.
+        error: (8,) of the camera, its turn exact to first order, its displacement in scene units.
         state: (3,) ground position and height.
         velocity: (2,) per step.
         place: (3, 4) map to the camera's axes.
-        center: (3,) displacement of the camera along the ground's axes and upward.
-        zoom: natural log by which its focal length is longer.
 
     Returns:
         (3,) azimuth of the center, elevation of head and foot in radians; finite everywhere.
     """
-    x, y = state[0] - lag * velocity[0], state[1] - lag * velocity[1]
+    (x, y), height = state[:2] - error[LAG] * velocity, state[2]
     one, zero = jnp.ones((), state.dtype), jnp.zeros((), state.dtype)
-    place = jnp.concatenate([place[:, :3], (place[:, 3] - place[:, :3] @ center)[:, None]], 1)
+    moved = place[:, 3] - place[:, :3] @ error[CENTER]
+    place = jnp.concatenate([place[:, :3], moved[:, None]], 1)
     # The axes are orthogonal, but not all of length 1 (see `corrected_place`).
     length = jnp.maximum((place[:, :3] ** 2).sum(1), 1e-12)
     station = -place[:, :2].T @ (place[:, 3] / length)
-    foot_x, foot_y = visible_foot(station, jnp.stack([x, y, state[2]]), FOOT_AHEAD * state[2])
-    head = place @ jnp.stack([x, y, state[2], one])
-    foot = place @ jnp.stack([foot_x, foot_y, zero, one])
+    foot_x, foot_y = visible_foot(station, jnp.stack([x, y, height]), FOOT_AHEAD * height)
 
-    def angles(v: Float[Array, "3"]) -> tuple[Array, Array]:
-        v = (v + jnp.cross(turn, v)) * jnp.stack([one, one, jnp.exp(-zoom)])
-        flat = jnp.sqrt(jnp.maximum(v[0] ** 2 + v[2] ** 2, 1e-12))
+    def direction(point: Float[Array, "4"]) -> Float[Array, "2"]:
+        v = place @ point
+        x, y, z = v + jnp.cross(error[TURN], v)
+        z = z * jnp.exp(-error[ZOOM.start])
+        flat = jnp.sqrt(jnp.maximum(x**2 + z**2, 1e-12))
         # The azimuth is finite, with its gradient, for a point at the camera.
-        depth = jnp.where(jnp.abs(v[0]) + jnp.abs(v[2]) > 1e-6, v[2], 1e-6)
-        return jnp.arctan2(v[0], depth), jnp.arctan2(v[1], flat)
+        depth = jnp.where(jnp.abs(x) + jnp.abs(z) > 1e-6, z, 1e-6)
+        return jnp.stack([jnp.arctan2(x, depth), jnp.arctan2(y, flat)])
 
-    (a, head_down), (b, foot_down) = angles(head), angles(foot)
-    return jnp.stack([(a + b) / 2, head_down, foot_down])
+    head, foot = jnp.stack([x, y, height, one]), jnp.stack([foot_x, foot_y, zero, one])
+    return edges_of(direction(head), direction(foot))
 
 
 @jax.jit
+@jax.vmap
 def _predicted(state: Array, velocity: Array, place: Array) -> Array:
-    three, zero = jnp.zeros(3, state.dtype), jnp.zeros((), state.dtype)
-    of_all = jax.vmap(predict_angles, (None, None, 0, 0, 0, None, None))
-    return of_all(three, zero, state, velocity, place, three, zero)
+    return predict_angles(jnp.zeros(PARAMETERS, state.dtype), state, velocity, place)
 
 
 @jax.jit
+@jax.vmap
 def _linear(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
-    def one(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
-        def shifted(shift: Float[Array, "11"]) -> tuple[Array, Array]:
-            turn, lag, center, zoom, move = jnp.split(shift, [3, 4, 7, 8])
-            angles = predict_angles(turn, lag[0], state + move, velocity, place, center, zoom[0])
-            return angles, angles
+    def shifted(error: Array, state: Array) -> tuple[Array, Array]:
+        angles = predict_angles(error, state, velocity, place)
+        return angles, angles
 
-        slope, value = jax.jacfwd(shifted, has_aux=True)(jnp.zeros(11, state.dtype))
-        return value, slope
-
-    return jax.vmap(one)(state, velocity, place)
+    right = jnp.zeros(PARAMETERS, state.dtype)
+    slopes, value = jax.jacfwd(shifted, (0, 1), has_aux=True)(right, state)
+    return value, jnp.concatenate(slopes, 1)
 
 
 def predicted(
@@ -294,7 +294,7 @@ def predicted(
     velocity: Float[np.ndarray, "n 2"],
     place: Float[np.ndarray, "n 3 4"],
 ) -> Float[np.ndarray, "n 3"]:
-    """`predict_angles` for n sightings of cameras that neither turned nor lag."""
+    """`predict_angles` for n sightings of cameras without errors."""
     with jax.enable_x64(True):
         return in_blocks(_predicted, (state, velocity, place), BLOCK)
 
@@ -304,6 +304,6 @@ def linear(
     velocity: Float[np.ndarray, "n 2"],
     place: Float[np.ndarray, "n 3 4"],
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 11"]]:
-    """`predicted`, and its derivatives by turn (3), lag, center (3), zoom and state (3)."""
+    """`predicted`, and its derivatives by the error of the camera (8) and the state (3)."""
     with jax.enable_x64(True):
         return in_blocks(_linear, (state, velocity, place), BLOCK)

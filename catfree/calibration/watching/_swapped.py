@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from catfree.calibration.watching._matching import PARAMETERS, match_boxes
-from catfree.calibration.watching._sights import Sights, with_cameras
+from catfree.calibration.watching._matching import match_boxes
+from catfree.calibration.watching._sights import PARAMETERS, Sights, with_cameras
 
 SHARE = 0.5  # of what the best camera matches: the wrong place reaches less, the right one more
 FEWEST_EXPECTED = 20  # people in all frames, whom a camera should show to be judged

@@ -9,16 +9,8 @@ from jaxtyping import Float, Int
 
 from catfree.calibration.watching._agreement import solve_window
 from catfree.calibration.watching._changes import KINDS, Course, fit_course
-from catfree.calibration.watching._matching import (
-    GATE,
-    LAG,
-    PARAMETERS,
-    SPREAD,
-    TURN,
-    best,
-    match_boxes,
-)
-from catfree.calibration.watching._sights import Sights
+from catfree.calibration.watching._matching import GATE, SPREAD, best, match_boxes
+from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, Sights
 from catfree.calibration.watching._windows import Watched
 from catfree.types._annotations import Progress, no_progress
 
@@ -88,8 +80,9 @@ def _start(
     nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(watched.windows)]
     start = course.at(index, changed=False)[0].reshape(-1, PARAMETERS)
     tried = np.array([course.at(window)[0] for window in nearby]).reshape(-1, *start.shape)
+    person = watched.sights.people.between(begin, stop)
     for camera in {change.camera for change in course.changes}:
-        others = watched.sights.seen_by_others(camera, begin, stop)
+        others = watched.sights.people.seen_by_others(camera, person)
         start[camera] = best(watched.sights, camera, others, start[camera], tried[:, camera])
     return start
 
@@ -108,8 +101,7 @@ def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, f
     first = max(change.window - 2, 0)
     last = min(change.window + 1, len(watched.windows) - 1)
     low, high = watched.windows[first].begin, watched.windows[last].stop
-    people = sights.people
-    person = np.arange(*np.searchsorted(people.frame, [low, high]))
+    people, person = sights.people, sights.people.between(low, high)
     windows = range(len(watched.windows))
     before, after = (
         _costs(sights, change.camera, person, _usual(watched, change.camera, course.reference, at))

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.calibration.watching._agreement import Window, solve_window
-from catfree.calibration.watching._matching import CELL, LAG, PARAMETERS, TURN, best
-from catfree.calibration.watching._sights import Sights, sights
+from catfree.calibration.watching._matching import CELL, best
+from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, Sights, sights
 from catfree.errors import InsufficientDataError
 from catfree.methods import localize
 from catfree.settings import Settings
@@ -140,11 +140,12 @@ def _likelier_starts(
     for index, usual in enumerate(_usual(windows, errors, cameras)):
         window, start = windows[index], errors[index].copy()
         nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(windows)]
+        person = recording.people.between(window.begin, window.stop)
         for camera in np.flatnonzero(window.boxes).tolist():
             tried = errors[nearby, camera]
             if all(_is_near(start[camera], one) for one in (usual[camera], *tried)):
                 continue
-            others = recording.seen_by_others(camera, window.begin, window.stop)
+            others = recording.people.seen_by_others(camera, person)
             likely = best(recording, camera, others, usual[camera], tried)
             if not _is_near(start[camera], likely):
                 start[camera] = likely

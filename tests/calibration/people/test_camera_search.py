@@ -37,7 +37,7 @@ def calibration():
 
 def test_a_missing_camera_is_found(world, calibration) -> None:
     rig = calibration.scene.rig
-    missing = without_camera(calibration, CAMERA, RULES)
+    missing = without_camera(calibration, CAMERA)
     found = reconsider(missing, world.detections, RULES)
     assert found is not None
     assert found.scene.rig.registered.all()
@@ -48,7 +48,7 @@ def test_a_missing_camera_is_found(world, calibration) -> None:
 
 @pytest.mark.parametrize("late", [0, -9])
 def test_a_camera_that_is_missing_for_lateness_gets_its_offset(world, calibration, late) -> None:
-    missing = without_camera(calibration, CAMERA, RULES)
+    missing = without_camera(calibration, CAMERA)
     offset = np.where(np.arange(6) == CAMERA, -late, 0)
     boxes = remove_offsets(world.detections, offset)
     boxes = boxes[boxes.frame >= 0]
@@ -87,7 +87,7 @@ def test_a_right_rig_is_confirmed_with_evidence(world, calibration) -> None:
 
 
 def test_without_a_camera_the_others_stay(calibration) -> None:
-    rest = without_camera(calibration, CAMERA, RULES)
+    rest = without_camera(calibration, CAMERA)
     kept = np.arange(6) != CAMERA
     np.testing.assert_array_equal(rest.scene.rig.registered, kept)
     for name in ("camera_residual", "log_likelihood_ratio", "association_rate", "focal_sd"):
@@ -101,7 +101,7 @@ def test_without_a_camera_the_others_stay(calibration) -> None:
 
 
 def test_places_for_a_missing_camera_hold_its_own(world, calibration) -> None:
-    rest = without_camera(calibration, CAMERA, RULES)
+    rest = without_camera(calibration, CAMERA)
     places = places_for(rest, world.detections, CAMERA, RULES)
     true = np.asarray(calibration.scene.rig.centers)
     assert all(place.scene.rig.registered.all() for place in places)

@@ -7,14 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration.watching._agreement import _Equations, solve_window
-from catfree.calibration.watching._matching import (
-    PARAMETERS,
-    TURN,
-    best,
-    corrected_place,
-    match_boxes,
-)
-from catfree.calibration.watching._sights import sights
+from catfree.calibration.watching._matching import best, corrected_place, match_boxes
+from catfree.calibration.watching._sights import PARAMETERS, TURN, sights
 from catfree.methods import localize
 from catfree.synthetic import make_world
 from catfree.types import Detections
@@ -110,7 +104,7 @@ def test_a_camera_that_began_later_is_not_late():
     boxes = Detections.concatenate([replace(still, frame=still.frame - 5 + k) for k in range(20)])
     boxes = boxes[(boxes.camera != 1) | (boxes.frame >= 8)]
     recording = sights(world.true_scene, boxes, localize(boxes, world.true_scene).tracks)
-    others = recording.seen_by_others(1, 0, 10)
+    others = recording.people.seen_by_others(1, recording.people.between(0, 10))
     right, late = error_of(), error_of(lag=7.0)
     np.testing.assert_array_equal(best(recording, 1, others, right, late[None]), right)
 

@@ -5,7 +5,7 @@ import pytest
 
 from catfree.calibration.watching._agreement import Window
 from catfree.calibration.watching._changes import fit_course, lost_since
-from catfree.calibration.watching._matching import LAG, TURN
+from catfree.calibration.watching._sights import LAG, TURN
 
 CAMERAS, WINDOWS = 3, 20
 

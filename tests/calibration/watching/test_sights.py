@@ -26,13 +26,7 @@ finite = st.floats(-2, 2)
 _SHIFTED = jax.jit(
     jax.vmap(
         lambda shift, state, velocity: predict_angles(
-            shift[:3],
-            shift[3],
-            state + shift[8:],
-            velocity,
-            jnp.asarray(PLACE),
-            shift[4:7],
-            shift[7],
+            shift[:8], state + shift[8:], velocity, jnp.asarray(PLACE)
         ),
         (0, None, None),
     )

@@ -7,12 +7,12 @@ from catfree.calibration.people.cameras._camera_model import X
 from catfree.settings import CalibrationSettings
 
 
-def scale_variance(
+def scale_deviation(
     parameters: Float[np.ndarray, "cam 7"],
     covariance: Float[np.ndarray, "cam 7 cam 7"],
     known: Bool[np.ndarray, " cam"],
 ) -> float:
-    """Relative variance of the scale of a similarity fitted to the camera centers.
+    """Relative standard deviation of the scale of a similarity fitted to the camera centers.
 
     Args:
         parameters: (C, 7) cameras as in `_camera_model`.
@@ -23,7 +23,8 @@ def scale_variance(
     spread = parameters[cameras, X:] - parameters[cameras, X:].mean(0)
     slope = np.zeros(parameters.shape)
     slope[cameras, X:] = spread / max(float((spread**2).sum()), 1e-12)
-    return max(float(np.einsum("ci,cidj,dj->", slope, covariance, slope)), 0.0)
+    variance = float(np.einsum("ci,cidj,dj->", slope, covariance, slope))
+    return float(np.sqrt(max(variance, 0.0)))
 
 
 def shape_deviation(

@@ -1,7 +1,6 @@
-"""Match mutually nearest people of two ground maps and compare the matches with chance."""
+"""Match mutually nearest people of two ground maps, and say how dense they are by chance."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -122,18 +121,3 @@ def chance_density(
         return np.where(inside, density[x, y], 0.0) + LEAST_DENSITY
 
     return at
-
-
-@dataclass(frozen=True)
-class Judgment:
-    """Agreement of a camera's people with a map made without that camera.
-
-    Attributes:
-        evidence: log-likelihood ratio of "same people" against "same places, other times".
-        association: fraction matched of the people that both sides should see.
-        matches: number of matched people.
-    """
-
-    evidence: float
-    association: float
-    matches: int

@@ -11,17 +11,25 @@ from jaxtyping import Bool
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_camera, visible
-from catfree.calibration.people.matching._group_people import (
-    RigState,
-    group_people,
-)
-from catfree.calibration.people.matching._mutual_nearest import (
-    Judgment,
-    chance_density,
-    mutual_nearest,
-)
+from catfree.calibration.people.matching._group_people import RigState, group_people
+from catfree.calibration.people.matching._mutual_nearest import chance_density, mutual_nearest
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
+
+
+@dataclass(frozen=True)
+class Judgment:
+    """Agreement of a camera's people with a map made without that camera.
+
+    Attributes:
+        evidence: log-likelihood ratio of "same people" against "same places, other times".
+        association: fraction matched of the people that both sides should see.
+        matches: number of matched people.
+    """
+
+    evidence: float
+    association: float
+    matches: int
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people.cameras._rig_deviation import (
     crowd_deviation,
-    scale_variance,
+    scale_deviation,
     shape_deviation,
 )
 from catfree.geometry import fit_similarity
@@ -31,8 +31,8 @@ def test_a_rig_that_swells_by_some_percent_is_that_uncertain(
     direction = np.zeros((cameras, 7))
     direction[:, 4:] = parameters[:, 4:] - parameters[0, 4:]  # swells about its first camera
     covariance = sd**2 * np.einsum("ci,dj->cidj", direction, direction)
-    found = scale_variance(parameters, covariance, np.ones(cameras, bool))
-    assert found == pytest.approx(sd**2, abs=1e-9)
+    found = scale_deviation(parameters, covariance, np.ones(cameras, bool))
+    assert found == pytest.approx(sd, abs=1e-9)
 
 
 @jax.jit
@@ -88,8 +88,8 @@ def test_more_people_and_surer_cameras_never_make_the_scale_less_sure(
     parameters, known = rig(seed, 4), np.array([True, True, False, True])
     half = np.random.default_rng(seed).normal(size=(28, 28)) * 0.05
     covariance = (half @ half.T).reshape(4, 7, 4, 7)
-    found = scale_variance(parameters, covariance, known)
-    assert scale_variance(parameters, covariance / 2, known) <= found
+    found = scale_deviation(parameters, covariance, known)
+    assert scale_deviation(parameters, covariance / 2, known) <= found
     crowd = crowd_deviation(people, RULES)
     assert crowd_deviation(2 * people, RULES) <= crowd
     # No number of frames tells how tall the crowd is.
@@ -100,9 +100,9 @@ def test_cameras_that_are_not_known_say_nothing() -> None:
     parameters, known = rig(0, 3), np.array([True, False, True])
     parameters[1] = np.nan
     covariance = (np.eye(21) * 0.01).reshape(3, 7, 3, 7)
-    found = scale_variance(parameters, covariance, known)
+    found = scale_deviation(parameters, covariance, known)
     parameters[1] = 100.0
-    assert scale_variance(parameters, covariance, known) == found
+    assert scale_deviation(parameters, covariance, known) == found
     assert np.isfinite(found)
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.calibration.people.matching._mutual_nearest import Judgment
-from catfree.calibration.people.matching._verdict import PlacementVerdict, _shortcomings
+from catfree.calibration.people.matching._verdict import Judgment, PlacementVerdict, _shortcomings
 from catfree.settings import CalibrationSettings
 
 SETTINGS = CalibrationSettings()

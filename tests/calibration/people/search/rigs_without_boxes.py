@@ -8,8 +8,7 @@ from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.adjustment._people_bundle import BundleResult
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState
-from catfree.calibration.people.matching._mutual_nearest import Judgment
-from catfree.calibration.people.matching._verdict import PlacementVerdict
+from catfree.calibration.people.matching._verdict import Judgment, PlacementVerdict
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
 
