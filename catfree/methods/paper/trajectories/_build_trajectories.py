@@ -9,7 +9,6 @@ from catfree.methods.paper.trajectories._extend import extend_tracks
 from catfree.methods.paper.trajectories._link import (
     Positions,
     drop_short,
-    fill_gaps,
     link_positions,
 )
 from catfree.settings import Settings
@@ -55,8 +54,6 @@ def build_trajectories(
     lasting = drop_short(track, positions.ground_xy, rules)
     positions = Positions(*(column[lasting] for column in positions._replace(track=track)))
     positions = positions._replace(track=_renumber(positions.track))
-    if rules.interpolate_gaps:
-        positions = fill_gaps(positions, observations.time)
     if not rules.extend:
         return positions, None
     radius = rules.extension_support_factor * settings.rays.sigma_theta
