@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.geometry._similarity import Similarity
+from catfree.geometry.camera import rays_of_pixels
 from catfree.synthetic._disturbance import (
     RigError,
     arbitrary_gauge,
@@ -144,9 +145,7 @@ def angular_residuals(world: World, rig: Rig | None = None) -> Float[np.ndarray,
     rig = world.true_rig if rig is None else rig
     real = world.identities >= 0
     people = world.detections[real]
-    pixel = np.column_stack([people.foot, np.ones(len(people))])
-    K, R = np.asarray(rig.K)[people.camera], np.asarray(rig.R)[people.camera]
-    ray = np.einsum("nji,nj->ni", R, np.linalg.solve(K, pixel[..., None])[..., 0])
+    ray = rays_of_pixels(rig, people.camera, people.foot)
     position = world.walkers.position[people.frame, world.identities[real]]
     center = np.asarray(rig.centers)[people.camera]
     to_person = np.column_stack([position, np.zeros(len(people))]) - center

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.geometry._similarity import transform_scene
-from catfree.synthetic import RigError, angular_residuals, make_world
+from catfree.synthetic import RigError, angular_residuals, make_world, shop
 
 NO_ERROR = RigError(0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -58,6 +58,11 @@ def test_residuals_of_rays_are_what_the_documentation_states():
     assert 0.002 < min(detector) <= max(detector) < 0.013
     assert 0.008 < min(with_default) <= max(with_default) < 0.021
     assert 0.014 < min(with_degree) <= max(with_degree) < 0.025
+
+
+def test_residuals_follow_the_rays_of_a_fisheye():
+    world = make_world(shop(), frames=5)
+    assert np.quantile(angular_residuals(world), 0.9) < 0.1  # 0.17 with rays of pinholes
 
 
 def test_small_worlds_are_fast():
