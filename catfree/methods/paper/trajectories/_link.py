@@ -99,8 +99,6 @@ def drop_short(
     Returns:
         (M,) bool.
     """
-    if len(track) == 0:
-        return np.zeros(0, bool)
     length = np.bincount(track)
     keep = length >= settings.minimum_length
     if settings.remove_short_static:
