@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree._coverage._sight import look
-from catfree.errors import InsufficientDataError, InvalidInputError, quoted
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.evaluation._area import bounds_of
 from catfree.geometry._plane import to_plan
 from catfree.settings import RaySettings, SelectionSettings
 from catfree.types import Scene
@@ -173,7 +174,9 @@ def coverage_of(
         raise InvalidInputError(f"sigma_theta is {sigma_theta}; it must be a positive angle.")
     if person_height is not None and not 0 < person_height < np.inf:
         raise InvalidInputError(f"person_height is {person_height}; it must be a positive length.")
-    bounds = visible_area(scene) if area is None else _bounds(area)
+    bounds = visible_area(scene) if area is None else bounds_of(area)
+    if not np.isfinite(bounds).all():
+        raise InvalidInputError(f"area is {bounds}; its edges must be finite.")
     sides = (bounds[1] - bounds[0], bounds[3] - bounds[2])
     if (sides[0] / cell + 1) * (sides[1] / cell + 1) > MOST_CELLS:
         raise InvalidInputError(
@@ -185,21 +188,6 @@ def coverage_of(
     visible, sigma = look(scene, active, places, sigma_theta, person_height)
     shape, radius = (len(y), len(x)), SUPPRESSION_RADIUS * extent
     return Coverage(x, y, visible.reshape(-1, *shape), sigma.reshape(shape), radius, bounds)
-
-
-def _bounds(area: Area) -> tuple[float, float, float, float]:
-    try:
-        x_min, x_max, y_min, y_max = (float(edge) for edge in area)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(
-            f"area is {quoted(area)}; it must be (x_min, x_max, y_min, y_max)."
-        ) from error
-    bounds = (x_min, x_max, y_min, y_max)
-    if not (np.isfinite(bounds).all() and x_min < x_max and y_min < y_max):
-        raise InvalidInputError(
-            f"area is {bounds}; it must be (x_min, x_max, y_min, y_max) with min < max, all finite."
-        )
-    return bounds
 
 
 def _cell_centers(low: float, high: float, cell: float) -> np.ndarray:
