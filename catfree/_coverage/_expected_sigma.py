@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from catfree._coverage._sight import look
 from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.geometry._plane import to_plan
 from catfree.settings import RaySettings, SelectionSettings
 from catfree.types import Scene
 from catfree.types._scene import require_scene
@@ -142,9 +143,7 @@ def visible_area(scene: Scene) -> tuple[float, float, float, float]:
     """
     registered = np.asarray(scene.rig.registered)
     require_two(registered)
-    middle = np.asarray(scene.rig.centers, np.float64)[registered].mean(0) @ np.asarray(
-        scene.ground.basis, np.float64
-    )
+    middle = to_plan(scene, np.asarray(scene.rig.centers, np.float64)[registered].mean(0))
     reach, extent = np.linspace(-1, 1, CELLS_PER_EXTENT + 1), float(scene.extent)
     offset = np.stack(np.meshgrid(reach, reach), -1).reshape(-1, 2)
     offset = offset[np.linalg.norm(offset, axis=-1) <= 1]

@@ -27,7 +27,7 @@ def crop(rows: ArrayInput, area: Any) -> Float[np.ndarray, "n 4"]:
         InvalidInputError: if a row or the area is malformed.
     """
     array = as_rows(rows, "rows")
-    return array[_within(array, area)]
+    return array[inside(array, area)]
 
 
 def inside(rows: ArrayInput, area: Any) -> Bool[np.ndarray, " n"]:
@@ -43,13 +43,8 @@ def inside(rows: ArrayInput, area: Any) -> Bool[np.ndarray, " n"]:
     Raises:
         InvalidInputError: if a row or the area is malformed.
     """
-    return _within(as_rows(rows, "rows"), area)
-
-
-def _within(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
-    """`inside` of checked rows."""
+    x, y = as_rows(rows, "rows")[:, 2:].T
     x_min, x_max, y_min, y_max = as_area(area, finite=False)
-    x, y = rows[:, 2], rows[:, 3]
     return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 
 
@@ -113,8 +108,8 @@ def detection_metrics_in_area(
             f"outside is {quoted(outside)}; it must be 'ignore' or 'false_positive'."
         )
     sequence = read_sequence(ground_truth, predictions, frames)
-    truth_inside = _within(sequence.truth, area)
-    predicted_inside = _within(sequence.predicted, area)
+    truth_inside = inside(sequence.truth, area)
+    predicted_inside = inside(sequence.predicted, area)
     kept = predicted_inside if outside == "ignore" else slice(None)
     metrics = detection_metrics(
         sequence.truth[truth_inside],

@@ -194,9 +194,7 @@ def calibration_curve(
             f"probability {claimed.shape} and correct {outcome.shape} must be flat and of the same "
             "length."
         )
-    bins = as_count(bins, "bins")
-    if bins < 1:
-        raise InvalidInputError(f"bins is {bins}; at least 1 is needed.")
+    bins = as_count(bins, "bins", least=1)
     bad = ~((claimed >= 0) & (claimed <= 1))
     if bad.any():
         row = int(np.argmax(bad))

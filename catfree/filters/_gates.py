@@ -77,22 +77,6 @@ def quantile(
     return jnp.where(member.any(), estimate, jnp.inf)
 
 
-def support_threshold(
-    weighted_support: Num[HostOrDevice, " h"], where: Bool[HostOrDevice, " h"] | None = None
-) -> Float[Array, ""]:
-    """The weighted camera support that a candidate must reach (Q): Otsu's threshold of the sample.
-
-    Args:
-        weighted_support: (H,) sum of the reliabilities w of the supporting rays, one per camera.
-        where: (H,) which hypotheses are candidates.
-
-    Returns:
-        () threshold; -inf without candidates.
-    """
-    threshold = otsu(weighted_support, where)
-    return jnp.where(jnp.isfinite(threshold), threshold, -jnp.inf)
-
-
 def select(
     sigma: Num[HostOrDevice, " h"],
     ground_distance: Num[HostOrDevice, " h"],
@@ -147,7 +131,8 @@ def select(
         estimated_on = candidate if sample == "all" else remaining
         match gate:
             case "support":
-                tau_support = support_threshold(weighted_support, estimated_on)
+                tau_support = otsu(weighted_support, estimated_on)
+                tau_support = jnp.where(jnp.isfinite(tau_support), tau_support, -jnp.inf)
                 unsupported = remaining & ~(weighted_support >= tau_support)
                 remaining = remaining & ~unsupported
             case "uncertainty":

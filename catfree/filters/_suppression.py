@@ -56,7 +56,7 @@ def suppress(
     columns = priority[:, None] if priority.ndim == 1 else priority
     columns = jnp.where(present[:, None], -columns, jnp.inf)
     order = jnp.lexsort(tuple(columns.T[::-1]))  # stable: ties stay in index order
-    near = _within(positions, positions, radius, present, present)[order][:, order]
+    near = _near(positions, radius, present, present)[order][:, order]
     beaten_by = near & (jnp.arange(count)[None, :] < jnp.arange(count)[:, None])
     return jnp.zeros(count, bool).at[order].set(_greedy(beaten_by, present[order]))
 
@@ -87,23 +87,19 @@ def outside(
     require_shape(positions, (None, 2), "positions")
     accepted = as_mask(accepted, positions.shape[:1], "accepted")
     tested = as_mask(where, accepted.shape) & ~accepted
-    return tested & ~jnp.any(_within(positions, positions, radius, tested, accepted), axis=1)
+    return tested & ~jnp.any(_near(positions, radius, tested, accepted), axis=1)
 
 
-def _within(
-    rows: Float[Array, "h 2"],
-    columns: Float[Array, "k 2"],
+def _near(
+    positions: Float[Array, "h 2"],
     radius: ScalarLike,
-    row_present: Bool[Array, " h"],
-    column_present: Bool[Array, " k"],
-) -> Bool[Array, "h k"]:
-    """Mark the pairs of present positions that are at most the radius apart."""
-    rows = jnp.where(row_present[:, None], rows, 0)
-    columns = jnp.where(column_present[:, None], columns, 0)
-    x = rows[:, 0][:, None] - columns[:, 0][None, :]
-    y = rows[:, 1][:, None] - columns[:, 1][None, :]
-    near = jnp.hypot(x, y) <= as_radius(radius, rows.dtype)
-    return near & row_present[:, None] & column_present[None, :]
+    row: Bool[Array, " h"],
+    column: Bool[Array, " h"],
+) -> Bool[Array, "h h"]:
+    """Mark the pairs of positions, one of `row` and one of `column`, at most the radius apart."""
+    x, y = jnp.where((row | column)[:, None], positions, 0).T
+    distance = jnp.hypot(x[:, None] - x[None, :], y[:, None] - y[None, :])
+    return (distance <= as_radius(radius, x.dtype)) & row[:, None] & column[None, :]
 
 
 @jax.jit  # compiled once per shape: outside jit, its loop would be compiled at every call

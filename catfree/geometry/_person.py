@@ -246,26 +246,6 @@ def implied_height(
     return jnp.asarray(normal @ center + offset) + jnp.maximum(along, 0) * rise
 
 
-def heights_in_rig(
-    rig: Rig,
-    camera: int | np.integer | Int[np.ndarray, " n"],
-    top: Float[np.ndarray, "n 2"],
-    position: Float[np.ndarray, "n 2"],
-) -> Float[np.ndarray, " n"]:
-    """`implied_height` of people in cameras with any lenses.
-
-    Args:
-        rig: the cameras, as in `people_in_rig`.
-        camera: (n,) the camera of each person, or one for all.
-        top: (n, 2) middles of the upper box edges in original image pixels.
-        position: (n, 2) on the ground.
-    """
-    cameras = np.broadcast_to(camera, len(top))
-    rays, centers = rays_of_pixels(rig, cameras, top), np.asarray(rig.centers, np.float64)[cameras]
-    with jax.enable_x64(True):
-        return in_blocks(_heights_over_zero, (centers, rays, position), BLOCK)
-
-
 def heights_by_boxes(
     detections: Detections, localization: Localization, scene: Scene
 ) -> tuple[Int[np.ndarray, " b"], Int[np.ndarray, " b"], Float[np.ndarray, " b"]]:
@@ -286,12 +266,15 @@ def heights_by_boxes(
     """
     localization.require_detections(detections)
     tracks, frame = localization.tracks, CanonicalFrame.of(scene)
+    rig = frame.rig(scene.rig)
     position, camera = np.nonzero(tracks.support >= 0)
     box = tracks.support[position, camera]
     left, upper, right, _ = detections.box[box].astype(np.float64).T
     top = np.stack([(left + right) / 2, upper], -1)
     ground_xy = frame.to_canonical(tracks.position[position])[:, :2]
-    height = heights_in_rig(frame.rig(scene.rig), camera, top, ground_xy)
+    rows = np.asarray(rig.centers)[camera], rays_of_pixels(rig, camera, top), ground_xy
+    with jax.enable_x64(True):
+        height = in_blocks(_heights_over_zero, rows, BLOCK)
     return position, box, frame.extent * height
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Real
 
 from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry._arrays import epsilon, float_arrays, tiny
+from catfree.geometry._plane import from_plan
 from catfree.types import GeoReference, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
 from catfree.types._scene import require_scene
@@ -283,14 +284,13 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
 
 def _moved_georeference(similarity: Similarity, scene: Scene, ground: Plane) -> GeoReference | None:
     """Return the georeference of ground coordinates after a transform of scene and ground."""
-    earth, before = scene.georeference, scene.ground
-    if earth is None or is_traced(similarity.scale, similarity.translation, before.offset):
+    earth = scene.georeference
+    if earth is None or is_traced(similarity.scale, similarity.translation, scene.ground.offset):
         return None
     corner = np.array(earth.origin) + np.array([[0.0, 0.0], [0.0, 1.0]])
-    place = corner @ np.asarray(before.basis, np.float64).T
-    place = place - float(before.offset) * np.asarray(before.normal, np.float64)
     scale, turn = float(similarity.scale), np.asarray(similarity.rotation, np.float64)
-    moved = scale * place @ turn.T + np.asarray(similarity.translation, np.float64)
+    place = scale * from_plan(scene, corner) @ turn.T
+    moved = place + np.asarray(similarity.translation, np.float64)
     origin, ahead = moved @ np.asarray(ground.basis, np.float64)
     away = ahead - origin
     return replace(

@@ -1,7 +1,5 @@
 """Precision of a position from rays: information matrix, ground covariance and sigma."""
 
-from typing import Any, Protocol, runtime_checkable
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Real
@@ -15,20 +13,11 @@ from catfree.geometry._arrays import (
     safe_norm,
     tiny,
 )
+from catfree.types import Plane
 from catfree.types._annotations import HostOrDevice
 
 # Below this many epsilons the reciprocal condition of a matrix is rounding noise.
 SINGULAR_EPSILONS = 8.0
-
-
-@runtime_checkable
-class HasBasis(Protocol):
-    """Anything with two orthonormal ground axes, such as `catfree.Plane`."""
-
-    @property
-    def basis(self) -> Any:
-        """(3, 2) the matrix P."""
-        ...
 
 
 def information(
@@ -72,9 +61,7 @@ def information(
     return jnp.sum(precision) * jnp.eye(3, dtype=total.dtype) - total
 
 
-def ground_covariance(
-    information: Real[HostOrDevice, "3 3"], plane: HasBasis
-) -> Float[Array, "2 2"]:
+def ground_covariance(information: Real[HostOrDevice, "3 3"], plane: Plane) -> Float[Array, "2 2"]:
     """Covariance of a position along the ground, with its height unknown.
 
     Args:
@@ -92,7 +79,7 @@ def ground_covariance(
     return jnp.where(singular, infinite, covariance)
 
 
-def ground_sigma(information: Real[HostOrDevice, "3 3"], plane: HasBasis) -> Float[Array, ""]:
+def ground_sigma(information: Real[HostOrDevice, "3 3"], plane: Plane) -> Float[Array, ""]:
     """Standard deviation of a position along the ground, averaged over its directions.
 
     Args:

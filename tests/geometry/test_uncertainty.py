@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -93,13 +92,14 @@ def test_sigma_scales_with_the_scene(x64, case, exponent):
 @given(sightings(), st.floats(0, 7))
 def test_sigma_does_not_depend_on_the_basis_of_the_plane(x64, case, angle):
     position, origins, directions, weights = case
-
-    @dataclass
-    class Turned:
-        basis: np.ndarray
-
     cosine, sine = math.cos(angle), math.sin(angle)
-    turned = Turned(np.asarray(FLOOR.basis) @ np.array([[cosine, -sine], [sine, cosine]]))
+
+    class Turned(Plane):
+        @property
+        def basis(self):
+            return FLOOR.basis @ np.array([[cosine, -sine], [sine, cosine]])
+
+    turned = Turned(FLOOR.normal, FLOOR.offset)
     matrix = information(position, origins, directions, weights, SIGMA_THETA)
     np.testing.assert_allclose(
         geometry.ground_sigma(matrix, turned), ground_sigma(matrix, FLOOR), rtol=1e-9

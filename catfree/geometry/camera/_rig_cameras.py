@@ -5,7 +5,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry.camera._fisheye import fisheye_pixel, fisheye_ray
@@ -118,24 +118,13 @@ def _apply(
     return in_blocks(function, (K, rows, coefficients), BLOCK)
 
 
-def _each(function: Callable[..., Any]) -> Callable[..., Any]:
-    def every(K: Array, rows: Array, coefficients: Array | None) -> Any:
-        return jax.vmap(function)(K, rows, coefficients)
-
-    return jax.jit(every)
-
-
-def _on_grid(function: Callable[..., Any]) -> Callable[..., Any]:
-    return jax.jit(jax.vmap(function, (None, None, 0)))
-
-
 _RAYS = {
-    Lens.PINHOLE: _each(pinhole_ray),
-    Lens.FISHEYE: _each(fisheye_ray),
-    Lens.RAYS: _on_grid(grid_ray),
+    Lens.PINHOLE: jax.jit(jax.vmap(pinhole_ray)),
+    Lens.FISHEYE: jax.jit(jax.vmap(fisheye_ray)),
+    Lens.RAYS: jax.jit(jax.vmap(grid_ray, (None, None, 0))),
 }
 _PIXELS = {
-    Lens.PINHOLE: _each(pinhole_pixel),
-    Lens.FISHEYE: _each(fisheye_pixel),
-    Lens.RAYS: _on_grid(grid_pixel),
+    Lens.PINHOLE: jax.jit(jax.vmap(pinhole_pixel)),
+    Lens.FISHEYE: jax.jit(jax.vmap(fisheye_pixel)),
+    Lens.RAYS: jax.jit(jax.vmap(grid_pixel, (None, None, 0))),
 }

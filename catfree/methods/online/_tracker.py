@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree.errors import InvalidInputError, quoted
-from catfree.geometry._plane import from_plan
+from catfree.geometry._plane import from_plan, to_plan
 from catfree.methods._localize import localize, usable
 from catfree.methods.evidence.observe._boxes import float_width_of
 from catfree.methods.online._advance import advance
@@ -284,8 +284,7 @@ class Tracker:
         support = column("support", cameras).astype(np.int64)
         place = column("place", 2)
         registered = np.asarray(scene.rig.registered)
-        basis = np.asarray(scene.ground.basis, np.float64)
-        origin = (np.asarray(scene.rig.centers, np.float64)[registered] @ basis).mean(0)
+        origin = to_plan(scene, np.asarray(scene.rig.centers)[registered]).mean(0)
         xy = mean[:, :2] * unit + origin
         detected = (support >= 0).any(1)
         return Tracks(

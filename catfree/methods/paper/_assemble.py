@@ -3,6 +3,7 @@
 import numpy as np
 
 from catfree.geometry import CanonicalFrame
+from catfree.geometry._plane import to_plan
 from catfree.methods.paper._select import Selection
 from catfree.methods.paper.association import (
     Located,
@@ -88,7 +89,7 @@ def collect_tracks(
     points = np.pad(positions.ground_xy, ((0, 0), (0, 1)))
     support = measure_support(rays, positions.member, points, sigma_theta=sigma_theta)
     world = frame.to_world(points)
-    xy = world @ np.asarray(scene.ground.basis, np.float64)
+    xy = to_plan(scene, world)
     covariance = support.covariance.astype(np.float64) * frame.extent**2
     number = observations.frames[positions.frame_index]
     # Positions may share a detection, but it shows one person: whom its ray passes closest.

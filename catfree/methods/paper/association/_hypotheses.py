@@ -214,16 +214,13 @@ def find_support(
     block = HYPOTHESIS_BLOCK
     while block > 64 and block * cameras * depth > RESIDUALS_AT_ONCE:
         block //= 2
-    index = np.empty((len(position), cameras), np.int64)
-    for begin in range(0, len(position), block):  # one at a time, as each holds all rays of a frame
-        rows = slice(begin, begin + block)
-        padding = (0, block - len(position[rows]))
-        frame = np.pad(frame_index[rows], padding)
-        points = np.pad(position[rows], (padding, (0, 0)))
-        supporting = _find_block(
+    index = in_blocks(
+        lambda frame, points: _find_block(
             points, table.origin, table.direction[frame], table.weight[frame], radius
-        )
-        index[rows] = np.asarray(supporting)[: len(position[rows])]
+        ),
+        (frame_index, position),
+        block,
+    )
     return np.where(index >= 0, index + table.cell_start[frame_index], -1)
 
 

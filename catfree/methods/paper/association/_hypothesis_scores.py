@@ -1,7 +1,6 @@
 """The seven signals of the auxiliary score of every hypothesis."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -16,7 +15,7 @@ from catfree.filters import (
 )
 from catfree.geometry._buckets import coarse_length, in_blocks
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
-from catfree.methods.paper.association._hypotheses import HYPOTHESIS_BLOCK, Support
+from catfree.methods.paper.association._hypotheses import GROUND, HYPOTHESIS_BLOCK, Support
 from catfree.methods.paper.association._observe import Observations
 from catfree.types import Rig
 
@@ -107,14 +106,11 @@ def _view_block(
     inside: Bool[Array, "h cam"],
     residual: Float[Array, "h cam"],
 ) -> tuple[Float[Array, " h"], Float[Array, " h"], Float[Array, " h"]]:
-    up = jnp.array([0, 0, 1], position.dtype)
-    zero = jnp.zeros((), position.dtype)
-
     def measure(
         position: Array, ray: Array, present: Array, inside: Array, residual: Array
     ) -> tuple[Array, Array, Array]:
         heights = jax.vmap(implied_height, (0, 0, None, None, None))(
-            center, ray, position, up, zero
+            center, ray, position, GROUND.normal, GROUND.offset
         )
         return (
             median_residual(residual, present),

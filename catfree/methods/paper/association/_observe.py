@@ -12,7 +12,6 @@ class Observations(eqx.Module):
 
     Attributes:
         row: (N,) row of each observation in the caller's `Detections`.
-        frame: (N,) the caller's frame number.
         frames: (F,) the distinct frame numbers, ascending.
         frame_index: (N,) index into `frames`.
         time: (F,) whole time steps of `frames`: consecutive frames differ by one.
@@ -26,7 +25,6 @@ class Observations(eqx.Module):
     """
 
     row: Int[np.ndarray, " n"]
-    frame: Int[np.ndarray, " n"]
     frames: Int[np.ndarray, " f"]
     frame_index: Int[np.ndarray, " n"]
     time: Int[np.ndarray, " f"]
@@ -87,27 +85,23 @@ def observe(detections: Detections, rig: Rig, *, keep: Bool[np.ndarray, " n"]) -
     Returns:
         The observations.
     """
-    row = np.flatnonzero(keep)
-    box = detections.box[row]
-    keys = [box[:, 3], box[:, 2], box[:, 1], box[:, 0], detections.camera[row]]
-    row = row[np.lexsort([*keys, detections.frame[row]])]
-    frames, frame_index = np.unique(detections.frame[row], return_inverse=True)
-    cell = frame_index * rig.camera_count + detections.camera[row]
+    order = np.lexsort([*detections.box.T[::-1], detections.camera, detections.frame])
+    row = order[keep[order]]
+    seen = detections[row]
+    frames, frame_index = np.unique(seen.frame, return_inverse=True)
+    cell = frame_index * rig.camera_count + seen.camera
     appearance = None
-    if detections.embedding is not None:
-        appearance = unit_vectors(detections.embedding[row].astype(np.float32))
+    if seen.embedding is not None:
+        appearance = unit_vectors(seen.embedding.astype(np.float32))
     return Observations(
         row=row,
-        frame=detections.frame[row],
         frames=frames,
         frame_index=frame_index,
         time=time_steps(frames),
-        camera=detections.camera[row],
-        box=detections.box[row],
-        score=None if detections.score is None else detections.score[row],
-        ankles_confirmed=(
-            None if detections.ankles_confirmed is None else detections.ankles_confirmed[row]
-        ),
+        camera=seen.camera,
+        box=seen.box,
+        score=seen.score,
+        ankles_confirmed=seen.ankles_confirmed,
         appearance=appearance,
         cell_start=np.searchsorted(cell, np.arange(len(frames) * rig.camera_count + 1)),
         camera_count=rig.camera_count,

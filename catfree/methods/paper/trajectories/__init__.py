@@ -7,7 +7,6 @@ from catfree.methods.paper.trajectories._extend import extend_tracks as extend_t
 from catfree.methods.paper.trajectories._link import (
     Positions as Positions,
     drop_short as drop_short,
-    fill_gaps as fill_gaps,
     link_positions as link_positions,
     position_appearance as position_appearance,
 )

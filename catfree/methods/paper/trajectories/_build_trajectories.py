@@ -9,7 +9,6 @@ from catfree.methods.paper.trajectories._extend import extend_tracks
 from catfree.methods.paper.trajectories._link import (
     Positions,
     drop_short,
-    fill_gaps,
     link_positions,
 )
 from catfree.settings import Settings
@@ -54,9 +53,7 @@ def build_trajectories(
     track = link_positions(positions, observations.time, observations.appearance, rules)
     lasting = drop_short(track, positions.ground_xy, rules)
     positions = Positions(*(column[lasting] for column in positions._replace(track=track)))
-    positions = positions._replace(track=_renumber(positions.track))
-    if rules.interpolate_gaps:
-        positions = fill_gaps(positions, observations.time)
+    positions = positions._replace(track=np.unique(positions.track, return_inverse=True)[1])
     if not rules.extend:
         return positions, None
     radius = rules.extension_support_factor * settings.rays.sigma_theta
@@ -78,7 +75,3 @@ def build_trajectories(
         rules,
         occupied_radius=settings.selection.suppression_radius,
     )
-
-
-def _renumber(track: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    return np.unique(track, return_inverse=True)[1] if len(track) else track

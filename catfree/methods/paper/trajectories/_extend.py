@@ -26,7 +26,11 @@ Recount = Callable[
 _otsu = jax.jit(otsu)
 
 
-def appearance_threshold(positions: Positions, appearance: Float[np.ndarray, "n d"]) -> float:
+def appearance_threshold(
+    track_looks: Float[np.ndarray, "t d"],
+    positions: Positions,
+    appearance: Float[np.ndarray, "n d"],
+) -> float:
     """Estimate the largest appearance distance between a track and an extension.
 
     It is Otsu's threshold between the distances of positions to their own track and to the other
@@ -34,6 +38,7 @@ def appearance_threshold(positions: Positions, appearance: Float[np.ndarray, "n 
     the extension.
 
     Args:
+        track_looks: (T, D) mean appearance of each track.
         positions: linked positions, sorted by frame.
         appearance: (N, D) unit vectors of the observations.
 
@@ -43,7 +48,6 @@ def appearance_threshold(positions: Positions, appearance: Float[np.ndarray, "n 
     Source:
         Sec. "Trajectories".
     """
-    track_looks = track_appearance(positions, appearance)
     row, other = equal_pairs(positions.frame_index, positions.frame_index)
     distance = _closest(track_looks, positions.track[other], appearance, positions.member[row])
     length = coarse_length(len(distance), SAMPLE_BLOCK)
@@ -95,21 +99,18 @@ def extend_tracks(
         return positions, None
     threshold, track_looks = None, None
     if appearance is not None and settings.appearance_in_extension:
-        threshold = appearance_threshold(positions, appearance)
         track_looks = track_appearance(positions, appearance)
-    frame_at = {int(step): index for index, step in enumerate(time)}
+        threshold = appearance_threshold(track_looks, positions, appearance)
     for direction in (1, -1):
         end_xy, end_time, velocity, moving = _ends(positions, time, direction, settings)
         active = moving
         for step in range(1, settings.extension_frames + 1):
             track = np.flatnonzero(active)
-            target = end_time[track] + direction * step
-            exists = np.array([int(t) in frame_at for t in target], bool)
-            track, target = track[exists], target[exists]
+            row, frame = equal_pairs(end_time[track] + direction * step, time)
+            track = track[row]
             active = np.zeros_like(active)
             if len(track) == 0:
                 break
-            frame = np.array([frame_at[int(t)] for t in target])
             xy = end_xy[track] + direction * step * velocity[track]
             member, weight = recount(frame, xy)
             good = (member >= 0).sum(1) >= settings.extension_cameras

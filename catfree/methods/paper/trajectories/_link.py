@@ -8,7 +8,6 @@ from jaxtyping import Bool, Float, Int
 from catfree.methods.paper.association._match_edges import chain_labels, match_edges
 from catfree.methods.paper.association._observe import appearance_distance, unit_vectors
 from catfree.settings import TrajectorySettings
-from catfree.types import Origin
 from catfree.types._sampling import expand_ranges
 
 
@@ -100,8 +99,6 @@ def drop_short(
     Returns:
         (M,) bool.
     """
-    if len(track) == 0:
-        return np.zeros(0, bool)
     length = np.bincount(track)
     keep = length >= settings.minimum_length
     if settings.remove_short_static:
@@ -112,31 +109,3 @@ def drop_short(
         static = np.linalg.norm(high - low, axis=1) <= settings.static_radius
         keep &= ~(static & (length <= settings.static_length))
     return keep[track]
-
-
-def fill_gaps(positions: Positions, time: Int[np.ndarray, " f"]) -> Positions:
-    """Insert straight-line positions, without support, into the frames that a track skips.
-
-    Tracks of `link_positions` have no gaps, because links join consecutive frames only; tracks of
-    another linker may have them.
-    """
-    order = np.lexsort([positions.frame_index, positions.track])
-    track, frame = positions.track[order], positions.frame_index[order]
-    same = (track[1:] == track[:-1]) & (track[1:] >= 0)
-    before, after = order[:-1][same], order[1:][same]
-    row, missing = expand_ranges(positions.frame_index[before] + 1, positions.frame_index[after])
-    if len(row) == 0:
-        return positions
-    begin, end = time[frame[:-1][same][row]], time[frame[1:][same][row]]
-    share = ((time[missing] - begin) / (end - begin))[:, None]
-    xy = positions.ground_xy[before[row]] * (1 - share) + positions.ground_xy[after[row]] * share
-    added = Positions(
-        missing,
-        xy,
-        np.full((len(row), positions.member.shape[1]), -1),
-        positions.track[before[row]],
-        np.full(len(row), int(Origin.INTERPOLATED)),
-    )
-    merged = Positions(*(np.concatenate(pair) for pair in zip(positions, added, strict=True)))
-    by_frame = np.argsort(merged.frame_index, kind="stable")
-    return Positions(*(column[by_frame] for column in merged))

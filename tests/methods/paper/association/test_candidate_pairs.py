@@ -112,7 +112,7 @@ def brute_force(observations, rays: Rays, sigma_theta: float, rules: Association
         (i, j)
         for i in range(count)
         for j in range(i + 1, count)
-        if observations.frame[i] == observations.frame[j]
+        if observations.frame_index[i] == observations.frame_index[j]
         and observations.camera[i] != observations.camera[j]
     ]
     residual = {

@@ -180,7 +180,7 @@ def test_the_appearance_threshold_lies_between_own_and_other():
     for (row, _), track in zip(start.member, start.track, strict=True):
         for number, look in enumerate(tracks_look):
             (own if number == track else other).append(1 - float(looks[row] @ look))
-    threshold = appearance_threshold(start, looks)
+    threshold = appearance_threshold(tracks_look, start, looks)
     assert max(own) < threshold < min(other)
 
 

@@ -1,4 +1,4 @@
-"""Linking of positions: radius, appearance, length; gaps and static tracks."""
+"""Linking of positions: radius, appearance, length; static tracks."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ from catfree import Origin
 from catfree.methods.paper.trajectories import (
     Positions,
     drop_short,
-    fill_gaps,
     link_positions,
     position_appearance,
 )
@@ -115,24 +114,8 @@ def test_short_static_tracks_are_dropped_on_request():
     assert drop_short(track, xy, RULES).all()
 
 
-def test_gaps_are_filled_in_proportion_to_time():
-    rows = [(0, 0, 0), (0, 0.5, 0.5), (1, 0.5, 0.6), (3, 0.4, 0.8)]
-    filled = fill_gaps(positions(rows, track=[0, 1, 1, 0]), np.array([0, 1, 3, 4]))
-    np.testing.assert_array_equal(filled.frame_index, [0, 0, 1, 1, 2, 3])
-    np.testing.assert_array_equal(filled.track, [0, 1, 1, 0, 0, 0])
-    added = filled.origin == Origin.INTERPOLATED
-    np.testing.assert_allclose(filled.ground_xy[added], [[0.1, 0.2], [0.3, 0.6]])
-    assert (filled.member[added] == -1).all()
-
-
-def test_without_gaps_nothing_is_filled():
-    some = positions([(0, 0, 0), (1, 0, 0)], track=[0, 0])
-    assert fill_gaps(some, np.arange(2)) is some
-
-
 @pytest.mark.parametrize("count", [0, 1])
 def test_few_positions(count):
     some = positions([(0, 0.0, 0.0)][:count])
     track = link_positions(some, np.arange(1), None, RULES)
     np.testing.assert_array_equal(track, np.zeros(count))
-    assert len(fill_gaps(some, np.arange(1)).track) == count
