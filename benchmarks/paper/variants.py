@@ -22,7 +22,7 @@ def changed(base: cf.Settings, **stages: dict[str, Any]) -> cf.Settings:
 
 
 BT = cf.Settings.paper()
-BS = changed(BT, trajectories={"remove_short_static": True, "interpolate_gaps": True})
+BS = changed(BT, trajectories={"remove_short_static": True})
 BK = changed(BS, triangulation={"refit_inliers": False})
 BF = changed(BK, selection={"gates": "uncertainty_replace"})
 Q = changed(BK, selection={"gates": "support"})

@@ -128,6 +128,8 @@ class SelectionSettings(CheckedSettings):
 class TrajectorySettings(CheckedSettings):
     """Linking and extension (Sec. trajectories).
 
+    Links join consecutive frames only, which leaves nothing to the paper's gap interpolation.
+
     Attributes:
         enabled: link positions; if false, they are returned per frame with track_id -1.
         link_radius: largest step between frames as a share of E.
@@ -140,7 +142,6 @@ class TrajectorySettings(CheckedSettings):
         extension_support_factor: support radius of an extension in units of sigma_theta.
         velocity_steps: number of last steps whose mean is the velocity.
         appearance_in_extension: require one supporting detection to look like the track.
-        interpolate_gaps: fill gaps (no effect: links join consecutive frames only).
         remove_short_static: drop short tracks that do not move (lineage BS, off in BT).
         static_length: largest length of a short static track.
         static_radius: largest extent of a static track as a share of E.
@@ -157,7 +158,6 @@ class TrajectorySettings(CheckedSettings):
     extension_support_factor: float = 1.0
     velocity_steps: int = 3
     appearance_in_extension: bool = True
-    interpolate_gaps: bool = False
     remove_short_static: bool = False
     static_length: int = 3
     static_radius: float = 0.018
