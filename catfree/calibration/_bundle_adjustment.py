@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 
 from catfree.calibration._adjusted_cameras import moved_rig
 from catfree.geometry._arrays import safe_norm
-from catfree.geometry._buckets import coarse_length, padded
+from catfree.geometry._buckets import padded, padded_length
 from catfree.geometry._least_squares import (
     HUBER,
     Residuals,
@@ -100,7 +100,7 @@ def adjust(
     noise = _noise(sightings, moved_rig(start, step), points)
     K, R, center = (np.nan_to_num(part) for part in (start.K, start.R, start.centers))
     people, count = sightings.weight.shape
-    P, C = coarse_length(people, PEOPLE_BLOCK), count + -count % CAMERA_BLOCK
+    P, C = padded_length(people, PEOPLE_BLOCK), count + -count % CAMERA_BLOCK
     pixel = np.where(sightings.present[..., None], sightings.pixel, 0.0)
     with jax.enable_x64(True):
         solution, cost = _solve(

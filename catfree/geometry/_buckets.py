@@ -7,13 +7,11 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-SHORT = 2**15  # rows; computing twice as many takes less than the second that compiling takes
 
-
-def coarse_length(count: int, block: int, factor: int = 4) -> int:
+def padded_length(count: int, block: int, factor: int = 4) -> int:
     """The smallest of block, block · factor, block · factor², ... that holds `count`.
 
-    For stages whose cost hardly depends on the padding: it needs the fewest compilations.
+    A larger factor needs fewer compilations, a smaller one less padding.
 
     Args:
         count: rows to hold.
@@ -26,26 +24,6 @@ def coarse_length(count: int, block: int, factor: int = 4) -> int:
     length = block
     while length < count:
         length *= factor
-    return length
-
-
-def fine_length(count: int, minimum: int = 64) -> int:
-    """The smallest length that holds `count`: fourfold steps up to `SHORT`, then four per octave.
-
-    For stages whose cost grows with the padding. Computing a padded short array is faster than
-    compiling for another length; the padding of long arrays is at most a quarter.
-
-    Args:
-        count: rows to hold.
-        minimum: the shortest length.
-
-    Returns:
-        The padded length.
-    """
-    length = minimum
-    while length < count:
-        short = length < SHORT
-        length = min(4 * length, SHORT) if short else length + (1 << length.bit_length() - 3)
     return length
 
 

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.geometry._buckets import SHORT, coarse_length, fine_length, in_blocks, padded
+from catfree.geometry._buckets import in_blocks, padded, padded_length
 
 counts = st.integers(0, 10**6)
 blocks = st.integers(1, 10**4)
 
 
 @given(counts, blocks, st.integers(2, 4))
-def test_coarse_lengths_are_powers_times_the_block(count, block, factor):
-    length = coarse_length(count, block, factor)
+def test_padded_lengths_are_powers_times_the_block(count, block, factor):
+    length = padded_length(count, block, factor)
     assert length >= count
     assert length == block or length < factor * count
     while length > block:
@@ -22,32 +22,15 @@ def test_coarse_lengths_are_powers_times_the_block(count, block, factor):
     assert length == block
 
 
-@given(counts, st.integers(1, 512))
-def test_fine_lengths_waste_at_most_a_quarter_of_long_arrays(count, minimum):
-    length = fine_length(count, minimum)
-    assert count <= length
-    assert length <= max(minimum, 4 * count, 1)
-    if count > 2 * SHORT:
-        assert length <= 1.27 * count + 1
-
-
-@given(st.integers(1, SHORT), st.integers(0, 6))
-def test_short_lengths_grow_fourfold(count, power):
-    length, minimum = fine_length(count, 2**power), 2**power
-    assert length == SHORT or length in {minimum * 4**steps for steps in range(8)}
-
-
 @given(counts, counts)
 def test_longer_arrays_never_get_shorter_lengths(count, other):
     low, high = sorted((count, other))
-    assert fine_length(low) <= fine_length(high)
-    assert coarse_length(low, 64) <= coarse_length(high, 64)
+    assert padded_length(low, 64) <= padded_length(high, 64)
 
 
 @pytest.mark.slow
 def test_few_lengths_serve_a_million_rows():
-    assert len({fine_length(count) for count in range(1, 10**6, 37)}) <= 60
-    assert {coarse_length(count, 16384) for count in range(1, 10**6, 37)} == {
+    assert {padded_length(count, 16384) for count in range(1, 10**6, 37)} == {
         16384 * 4**power for power in range(4)
     }
 

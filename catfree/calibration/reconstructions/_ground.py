@@ -15,7 +15,7 @@ from catfree.calibration.reconstructions._ground_evidence import (
 )
 from catfree.errors import GroundRejectedError, InsufficientDataError
 from catfree.geometry import fit_plane_ransac
-from catfree.geometry._buckets import coarse_length, padded
+from catfree.geometry._buckets import padded, padded_length
 from catfree.types import Detections, Plane, Rig
 from catfree.types._annotations import HostOrDevice
 from catfree.types._sampling import evenly_spread
@@ -135,7 +135,7 @@ def find_ground(
 
 def _largest_plane(points: np.ndarray, key: jax.Array, tolerance: float) -> Plane:
     """Find the plane with most support, oriented toward the origin (the mean of the cameras)."""
-    length, dtype = coarse_length(len(points), 64, 2), jnp.result_type(float)
+    length, dtype = padded_length(len(points), 64, 2), jnp.result_type(float)
     fit = fit_plane_ransac(
         padded(points.astype(dtype), length),
         key,

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from catfree.filters._gates import select
 from catfree.filters._suppression import outside, suppress
 from catfree.filters._temporal import temporally_consistent
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._buckets import padded_length
 from catfree.settings import SelectionSettings
 from catfree.types import Fate
 
@@ -128,7 +128,7 @@ def _gate(
 ) -> tuple[Bool[np.ndarray, " h"], float | None, float | None]:
     """Run the adaptive gates on the candidates, and write the fate of those they remove."""
     count = len(candidate)
-    padding = (0, coarse_length(count, SAMPLE_BLOCK) - count)
+    padding = (0, padded_length(count, SAMPLE_BLOCK) - count)
     gates = _select(
         np.pad(h.sigma, padding),
         np.pad(h.ground_distance, padding),
@@ -221,7 +221,7 @@ def _frame_grids(
         return []
     rows = rows[np.argsort(frame_index[rows], kind="stable")]
     frames, start, count = np.unique(frame_index[rows], return_index=True, return_counts=True)
-    places = coarse_length(int(count.max()), PLACES_BLOCK, factor=2)
+    places = padded_length(int(count.max()), PLACES_BLOCK, factor=2)
     # Sequences compile the same functions, however few of their frames hold chosen hypotheses.
     is_sequence = frame_index.min() < frame_index.max()
     block = min(FRAME_BLOCK, max(1, PAIRS_BLOCK // places**2)) if is_sequence else 1

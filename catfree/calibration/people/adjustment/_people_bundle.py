@@ -26,7 +26,7 @@ from catfree.calibration.people.cameras._camera_model import (
     Z,
     projection,
 )
-from catfree.geometry._buckets import coarse_length, padded
+from catfree.geometry._buckets import padded, padded_length
 from catfree.geometry._least_squares import (
     CAUCHY,
     NormalEquations,
@@ -255,7 +255,7 @@ def adjust_people_bundle(
     used = sightings > 0
     boxes, precision = (np.zeros((cameras, count, 3)) for _ in range(2))
     boxes[data.camera, data.person], precision[data.camera, data.person] = data.box, 1 / data.sd
-    P, C = coarse_length(count, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
+    P, C = padded_length(count, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
     bent, lens_sd = (np.zeros(cameras), GAUGE_SD) if k1 is None else (k1, settings.distortion_sd)
     shown = np.where(used[:, None], np.column_stack([parameters, bent]), 0.0)
     camera_precision = np.column_stack([np.sqrt(known.precision), np.full(cameras, 1 / lens_sd)])

@@ -19,7 +19,7 @@ from catfree.calibration.people.adjustment._people_bundle import CONVERGED, came
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, X, Z, projection
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_camera
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
-from catfree.geometry._buckets import coarse_length, padded
+from catfree.geometry._buckets import padded, padded_length
 from catfree.geometry._least_squares import (
     CAUCHY,
     Residuals,
@@ -136,8 +136,8 @@ def fit_cameras(
     """
     if not matches:
         return np.zeros((0, 7))
-    n = coarse_length(max(len(one.sd) for one in matches), MATCHES_BLOCK)
-    fits = coarse_length(len(matches), FITS_BLOCK)
+    n = padded_length(max(len(one.sd) for one in matches), MATCHES_BLOCK)
+    fits = padded_length(len(matches), FITS_BLOCK)
     mean, precision = np.zeros((1, 7)), np.zeros((1, 7))
     mean[0, LOG_FOCAL] = log_focal
     precision[0, LOG_FOCAL] = 1 / settings.focal_spread

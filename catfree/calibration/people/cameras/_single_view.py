@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, Z, projection
 from catfree.geometry._arrays import safe_norm
-from catfree.geometry._buckets import coarse_length, padded
+from catfree.geometry._buckets import padded, padded_length
 from catfree.geometry._least_squares import (
     Residuals,
     SchurLevenbergMarquardt,
@@ -73,7 +73,7 @@ def fit_planes(
         np.ones(len(boxes), bool),
     )
     generator = np.random.default_rng(0)
-    n = coarse_length(len(boxes), BLOCK)
+    n = padded_length(len(boxes), BLOCK)
     starts = [_sample_plane(boxes[chosen], n, focal, settings, generator) for chosen in subsets]
     begun = {subset: start for subset, start in enumerate(starts) if start is not None}
     if not begun:

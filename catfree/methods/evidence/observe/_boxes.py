@@ -7,8 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.geometry import back_project
-from catfree.geometry._buckets import fine_length
+from catfree.geometry._buckets import padded_length
 from catfree.geometry._person import cut_by_border, edges_of
 from catfree.geometry.camera import rays_of_pixels
 from catfree.methods.evidence.observe._embeddings import Embeddings, embeddings_of
@@ -18,6 +17,7 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Lens, Rig
 
 PAIRS_OF_A_RUN = 1 << 24  # of boxes of the same instant
+PINHOLES_BLOCK = 64  # the boxes' own pinholes are padded to this times a power of two
 LONGEST_PAUSE = 1e6  # usual steps, after which anybody may be anywhere: longer ones say no more
 
 
@@ -115,23 +115,10 @@ def undistorted_pixels(
     Returns:
         (n, 2) in float64; the pixels themselves if the rig has no distortion.
     """
-    n = len(pixel)
-    if rig.distortion is None or n == 0:
+    if rig.distortion is None:
         return pixel
-    rows = np.pad(camera, (0, fine_length(n) - n))
-    with jax.enable_x64(True):
-        ideal = _undistort_pixels(
-            np.asarray(rig.K, np.float64)[rows],
-            np.pad(np.asarray(pixel, np.float64), ((0, len(rows) - n), (0, 0))),
-            np.nan_to_num(np.asarray(rig.distortion, np.float64))[rows],
-        )
-    return np.asarray(ideal)[:n]
-
-
-@jax.jit
-@jax.vmap
-def _undistort_pixels(K, pixel, distortion):
-    return K[:2, :2] @ back_project(K, pixel, distortion) + K[:2, 2]
+    K, R = (np.asarray(part, np.float64)[camera] for part in (rig.K, rig.R))
+    return project_rays(K, R, rays_of_pixels(rig, camera, pixel))[0]
 
 
 def prepare_boxes(
@@ -194,7 +181,8 @@ def prepare_boxes(
         view = view.copy()
         view[non_pinhole] = rig.camera_count + np.arange(len(non_pinhole))
         # Padded, so that few sizes compile.
-        rest = ((0, fine_length(len(non_pinhole)) - len(non_pinhole)), (0, 0), (0, 0))
+        length = padded_length(len(non_pinhole), PINHOLES_BLOCK, factor=2)
+        rest = ((0, length - len(non_pinhole)), (0, 0), (0, 0))
         K, R = (np.pad(part, rest, mode="edge") for part in (K, R))
     edges = edges_of(straight_head, straight_foot)
     cut = cut_by_border(box, rig.image_size[camera], settings.border_margin)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from catfree.filters import log_otsu
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._buckets import padded_length
 from catfree.geometry._person import edge_deviation
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.observe._measurement import Noise
@@ -118,7 +118,7 @@ def usual_place(
     xy, sigma, whole = xy[some], sigma[some], whole[some]
     near = KDTree(xy).query_ball_point(xy, settings.report_radius, return_length=True)
     weight = 1 / near
-    sample = np.pad(sigma, (0, coarse_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
+    sample = np.pad(sigma, (0, padded_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
     present = np.arange(len(sample)) < len(sigma)
     with jax.enable_x64(True):
         better = sigma <= float(_log_otsu(sample, present))

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Int
 
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._buckets import padded_length
 from catfree.methods.paper.association._candidate_pairs import candidate_pairs
 from catfree.methods.paper.association._greedy_partition import greedy_partition
 from catfree.methods.paper.association._hypotheses import triangulate_groups
@@ -48,7 +48,7 @@ def associate(
         last = int(np.searchsorted(starts, starts[first] + CHUNK, side="right")) - 1
         last = max(last, first + 1)  # never split a frame
         begin, end = int(starts[first]), int(starts[last])
-        padding = (0, coarse_length(end - begin, CHUNK) - (end - begin))
+        padding = (0, padded_length(end - begin, CHUNK) - (end - begin))
         chunk = Rays(
             np.pad(rays.origin[begin:end], (padding, (0, 0))),
             np.pad(rays.direction[begin:end], (padding, (0, 0))),

@@ -20,7 +20,7 @@ from catfree.geometry import (
     triangulate,
 )
 from catfree.geometry._arrays import Scalar
-from catfree.geometry._buckets import coarse_length, in_blocks
+from catfree.geometry._buckets import in_blocks, padded_length
 from catfree.methods.paper.association._observe import Observations
 from catfree.methods.paper.association._on_ground import ground_point, triangulate_on_ground
 from catfree.settings import TriangulationSettings
@@ -79,7 +79,7 @@ def ray_table(
     frames, cameras = len(observations.frames), observations.camera_count
     starts = observations.cell_start[:-1]
     longest = int(np.diff(observations.cell_start).max(initial=0))
-    depth = coarse_length(longest, MINIMUM_RAYS_PER_CELL)
+    depth = padded_length(longest, MINIMUM_RAYS_PER_CELL)
     place = np.arange(len(observations)) - starts[observations.cell]
     direction = np.zeros((frames * cameras, depth, 3), rays.direction.dtype)
     weight = np.zeros((frames * cameras, depth), rays.direction.dtype)

@@ -13,7 +13,7 @@ from catfree.filters import (
     median_residual,
     view_support_ratio,
 )
-from catfree.geometry._buckets import coarse_length, in_blocks
+from catfree.geometry._buckets import in_blocks, padded_length
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
 from catfree.methods.paper.association._hypotheses import GROUND, HYPOTHESIS_BLOCK, Support
 from catfree.methods.paper.association._observe import Observations
@@ -63,7 +63,7 @@ def hypothesis_scores(
     signals[:, Signal.VIEW_SUPPORT_RATIO] = ratio
     signals[:, Signal.HEIGHT_CONSISTENCY] = consistency
     signals[:, Signal.TEMPORAL_PERSISTENCE] = frames_of_pairs(frame_index, tracklet)
-    length = coarse_length(count, SAMPLE_BLOCK)
+    length = padded_length(count, SAMPLE_BLOCK)
     padded = np.pad(signals, ((0, length - count), (0, 0)))
     return np.asarray(_score(padded, np.arange(length) < count).score)[:count]
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.filters import otsu
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._buckets import padded_length
 from catfree.methods.paper._select import outside_by_frame, suppress_by_frame
 from catfree.methods.paper.association._observe import appearance_distance, unit_vectors
 from catfree.methods.paper.trajectories._link import Positions, position_appearance
@@ -50,7 +50,7 @@ def appearance_threshold(
     """
     row, other = equal_pairs(positions.frame_index, positions.frame_index)
     distance = _closest(track_looks, positions.track[other], appearance, positions.member[row])
-    length = coarse_length(len(distance), SAMPLE_BLOCK)
+    length = padded_length(len(distance), SAMPLE_BLOCK)
     sample = np.pad(distance, (0, length - len(distance)), constant_values=np.inf)
     return float(_otsu(sample))
 
