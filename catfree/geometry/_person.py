@@ -28,8 +28,8 @@ Lens = Callable[[Float[Array, "*n 2"]], Float[Array, "*n 2"]]
 
 
 def visible_foot(
-    station: Float[HostOrDevice, "*#n 2"] | None,
     person: Float[HostOrDevice, "*#n 3"],
+    station: Float[HostOrDevice, "*#n 2"] | None,
     foot_offset: Any,
 ) -> tuple[Any, Any]:
     """Position (2,) of the visible foot on the ground, as x and y; see `box_edges`."""
@@ -44,8 +44,8 @@ def visible_foot(
 
 def box_ends(
     matrix: Float[HostOrDevice, "*#n 3 4"],
-    station: Float[HostOrDevice, "*#n 2"] | None,
     person: Float[HostOrDevice, "*#n 3"],
+    station: Float[HostOrDevice, "*#n 2"] | None = None,
     foot_offset: Float[HostOrDevice, ""] | float = 0.0,
     lens: Lens | None = None,
 ) -> tuple[Any, Any, Any]:
@@ -58,7 +58,7 @@ def box_ends(
     x, y, height = (person[..., i] for i in range(3))
     rows = [[matrix[..., i, j] for j in range(4)] for i in range(3)]
     pixels, depths = [], []
-    for end in ((x, y, height), (*visible_foot(station, person, foot_offset), 0.0)):
+    for end in ((x, y, height), (*visible_foot(person, station, foot_offset), 0.0)):
         column, row, depth = (m[0] * end[0] + m[1] * end[1] + m[2] * end[2] + m[3] for m in rows)
         near = xp.maximum(depth, NEAREST_DEPTH)
         pixel = xp.stack([column / near, row / near], -1)
@@ -69,8 +69,8 @@ def box_ends(
 
 def box_edges(
     matrix: Float[HostOrDevice, "*#n 3 4"],
-    station: Float[HostOrDevice, "*#n 2"] | None,
     person: Float[HostOrDevice, "*#n 3"],
+    station: Float[HostOrDevice, "*#n 2"] | None = None,
     foot_offset: Float[HostOrDevice, ""] | float = 0.0,
     lens: Lens | None = None,
 ) -> Any:
@@ -81,15 +81,15 @@ def box_edges(
     Args:
         matrix: (3, 4) projection of homogeneous points over the ground; the third coordinate of the
             result is the depth, in units of the ground.
-        station: (2,) the camera's center, projected onto the ground; None for a foot on the axis.
         person: (3,) position on the ground and height.
+        station: (2,) the camera's center, projected onto the ground; None for a foot on the axis.
         foot_offset: distance by which the foot is nearer.
         lens: map (2,) of the projected points to pixels; they are pixels if None.
 
     Returns:
         (3,) center column, head row and foot row in pixels.
     """
-    return edges_of(*box_ends(matrix, station, person, foot_offset, lens)[:2])
+    return edges_of(*box_ends(matrix, person, station, foot_offset, lens)[:2])
 
 
 def edges_of(head: Float[HostOrDevice, "*n 2"], foot: Float[HostOrDevice, "*n 2"]) -> Any:
@@ -99,15 +99,12 @@ def edges_of(head: Float[HostOrDevice, "*n 2"], foot: Float[HostOrDevice, "*n 2"
 
 
 def edges_and_slopes(
-    matrix: Float[Array, "3 4"],
-    station: Float[Array, "2"] | None,
-    person: Float[Array, "3"],
-    foot_offset: Float[Array, ""] | float = 0.0,
+    matrix: Float[Array, "3 4"], person: Float[Array, "3"]
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
     """`box_edges`, and its Jacobian (3, 3) with respect to the person."""
 
     def edges(person: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        shown = box_edges(matrix, station, person, foot_offset)
+        shown = box_edges(matrix, person)
         return shown, shown
 
     slopes, shown = jax.jacfwd(edges, has_aux=True)(person)
@@ -135,7 +132,7 @@ def people_in_rig(
     """
     cameras = np.broadcast_to(camera, len(person))
     station = np.asarray(rig.centers, np.float64)[cameras, :2]
-    foot = np.stack([*visible_foot(station, person, foot_offset), np.zeros(len(person))], -1)
+    foot = np.stack([*visible_foot(person, station, foot_offset), np.zeros(len(person))], -1)
     pixel, imaged = pixels_of_points(rig, np.tile(cameras, 2), np.concatenate([person, foot]))
     (high, low), (high_imaged, low_imaged) = np.split(pixel, 2), np.split(imaged, 2)
     return high, low, high_imaged & low_imaged

@@ -11,6 +11,6 @@ def boxes_of_rows(
 ) -> np.ndarray:
     """(n, 3) edges of people (n, 2) with heights (n,) in a camera (7,), or one each (n, 7)."""
     person = np.column_stack([xy, height])
-    head, foot, depth = box_ends(projection(parameters), parameters[..., X:Z], person, foot_offset)
+    head, foot, depth = box_ends(projection(parameters), person, parameters[..., X:Z], foot_offset)
     assert (depth > NEAREST_DEPTH).all(), "The camera does not see all of these people."
     return edges_of(head, foot)

@@ -95,10 +95,10 @@ def test_slopes_of_the_edges_match_finite_differences(x, y, h, camera):
     with jax.enable_x64(True):
         views = ground_views(make_scene(make_rig(roll=0.2)), 1.7)
         matrix, state = jnp.asarray(views.matrix[camera]), jnp.array([x / 1.7, y / 1.7, h])
-        _, slopes = edges_and_slopes(matrix, None, state)
+        _, slopes = edges_and_slopes(matrix, state)
         step = 1e-6
         for i in range(3):
             e = step * np.eye(3)[i]
-            ends = (box_edges(matrix, None, state + sign * e) for sign in (1, -1))
+            ends = (box_edges(matrix, state + sign * e) for sign in (1, -1))
             numeric = np.subtract(*ends) / 2e-6
             np.testing.assert_allclose(slopes[:, i], numeric, rtol=1e-4, atol=1e-3)

@@ -205,7 +205,7 @@ def _box_residuals(
     def edges(camera: Float[Array, "8"], person: Float[Array, "3"]) -> Float[Array, "3"]:
         pose, focal = camera[:K1], jnp.exp(camera[LOG_FOCAL])
         bent = lambda pixel: focal * distort(pixel / focal, lens(camera[K1]))  # noqa: E731
-        return box_edges(projection(pose), pose[X:Z], person, foot_offset, bent)
+        return box_edges(projection(pose), person, pose[X:Z], foot_offset, bent)
 
     of_camera = jax.vmap(edges, (None, 0))
     box = jax.vmap(of_camera, (0, None))(unknowns.view, unknowns.block)

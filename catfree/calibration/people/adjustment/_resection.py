@@ -178,8 +178,8 @@ class _Matches(NamedTuple):
 def _edges(
     camera: Float[Array, "7"], people: Float[Array, "n 3"], foot_offset: Float[Array, ""]
 ) -> Float[Array, "n 3"]:
-    shown = jax.vmap(box_edges, (None, None, 0, None))
-    return shown(projection(camera), camera[X:Z], people, foot_offset)
+    shown = jax.vmap(box_edges, (None, 0, None, None))
+    return shown(projection(camera), people, camera[X:Z], foot_offset)
 
 
 def _problem(

@@ -182,7 +182,7 @@ def implied_person(
     for _ in range(FOOT_ROUNDS):  # in a rolled camera, the foot is not below the box center
         position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
         height = jnp.clip(height_at(matrix, position, edges[1]), *HEIGHT_BOUNDS)
-        predicted = box_edges(matrix, None, jnp.append(position, height))
+        predicted = box_edges(matrix, jnp.append(position, height))
         limit = LARGEST_LEAN * (edges[2] - edges[1])
         column = column + jnp.clip(edges[0] - predicted[0], -limit, limit)
     position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
@@ -239,7 +239,7 @@ def measure(
     prior = jnp.array([0.0, 0.0, 1.0], dtype) / spread**2
 
     def step(state, _):
-        predicted, slopes = edges_and_slopes(matrix, None, state)
+        predicted, slopes = edges_and_slopes(matrix, state)
         weighted = slopes * precision[:, None]
         normal = weighted.T @ slopes + jnp.diag(prior)
         gradient = weighted.T @ (edges - predicted) + prior * (1 - state)
@@ -247,14 +247,14 @@ def measure(
         return state + invert_symmetric(normal) @ gradient, None
 
     state, _ = jax.lax.scan(step, start, None, length=NEWTON_STEPS)
-    predicted, slopes = edges_and_slopes(matrix, None, state)
+    predicted, slopes = edges_and_slopes(matrix, state)
     residual = edges - predicted + slopes @ state
     weighted = slopes * precision[:, None]
     normal = weighted.T @ slopes
     normal = (normal + normal.T) / 2  # rounding differs between the halves
     info = Information(normal, weighted.T @ residual, (precision * residual**2).sum())
     place, covariance = mean_and_covariance(info, spread)
-    _, _, nearest = box_ends(matrix, None, state)
+    _, _, nearest = box_ends(matrix, state)
     finite = jnp.isfinite(state).all() & jnp.isfinite(normal).all() & jnp.isfinite(info.constant)
     # Steps that reach the camera's plane produce unbounded slopes, which would outweigh all other
     # boxes of a group, so a box is valid only if its state explains it.

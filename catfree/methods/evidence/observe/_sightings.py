@@ -82,7 +82,7 @@ def _edges_and_slopes(
     state: Float[Array, "3"], matrix: Float[Array, "3 4"]
 ) -> tuple[Float[Array, "3"], Float[Array, "3 4"]]:
     def edges(raised: Float[Array, "4"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        shown = box_edges(matrix.at[:, 3].add(raised[3] * matrix[:, 2]), None, raised[:3])
+        shown = box_edges(matrix.at[:, 3].add(raised[3] * matrix[:, 2]), raised[:3])
         return shown, shown
 
     slopes, shown = jax.jacfwd(edges, has_aux=True)(jnp.append(state, 0))

@@ -135,7 +135,7 @@ def people_in_cameras(
         imaged: (H, C) whether the camera images both foot and head; false if it is unregistered.
     """
     count = len(views.registered)
-    head, foot, depth = box_ends(views.matrix[:count], None, np.asarray(state)[:, None])
+    head, foot, depth = box_ends(views.matrix[:count], np.asarray(state)[:, None])
     edges, imaged = edges_of(head, foot), depth > IN_FRONT
     if views.rig is not None:
         for camera in np.flatnonzero(views.registered):

@@ -81,7 +81,7 @@ def test_rotations_are_rotations_and_depth_is_along_the_axis(seed):
 @jax.jit
 @jax.vmap
 def predicted(camera, person, offset):
-    return box_edges(projection(camera), camera[X:Z], person, offset)
+    return box_edges(projection(camera), person, camera[X:Z], offset)
 
 
 @jax.jit
@@ -90,7 +90,7 @@ def derivatives(camera, person, offset):
     """Of the box of a person, with respect to camera, person and foot offset."""
 
     def box(camera, person, offset):
-        return box_edges(projection(camera), camera[X:Z], person, offset)
+        return box_edges(projection(camera), person, camera[X:Z], offset)
 
     return jax.jacfwd(box, (0, 1, 2))(camera, person, offset)
 
@@ -141,7 +141,7 @@ def test_under_and_behind_a_camera_everything_is_finite(x64, seed):
         person = np.column_stack([place, height])
         for part in derivatives(camera, person, np.full(len(place), 0.15)):
             assert jnp.isfinite(part).all()
-        head, foot, depth = box_ends(projection(camera), camera[:, X:Z], person, 0.15)
+        head, foot, depth = box_ends(projection(camera), person, camera[:, X:Z], 0.15)
         assert np.isfinite([head, foot]).all()
         assert (place is not behind) or not (depth > NEAREST_DEPTH).any()
 

@@ -27,7 +27,7 @@ RULES = EvidenceSettings()
 CAMERAS = 5
 VIEWS = ground_views(make_scene(make_rig(CAMERAS, roll=0.15)), HEIGHT)
 SIDE, TOP, BOTTOM = range(3)
-shown = jax.vmap(box_edges, (0, None, 0))
+shown = jax.vmap(box_edges, (0, 0))
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("x64")]
 
@@ -71,7 +71,7 @@ def people(seed, count=12):
     rng = np.random.default_rng(seed)
     state = np.column_stack([rng.uniform(-2, 2, (count, 2)), np.ones(count)])
     camera = rng.integers(0, CAMERAS, count)
-    edges = shown(jnp.asarray(VIEWS.matrix[camera]), None, jnp.asarray(state))
+    edges = shown(jnp.asarray(VIEWS.matrix[camera]), jnp.asarray(state))
     return state, Rows(np.array(edges), camera)
 
 
@@ -111,7 +111,7 @@ def test_the_likelihood_is_that_of_the_edges_about_the_most_likely_person(seed):
     found = (rows := disturbed(seed)).measured()
     precision = np.where(found.used, found.noise**-2.0, 0)
     cameras = jnp.asarray(VIEWS.matrix[rows.camera])
-    edges = lambda s: np.asarray(shown(cameras, None, jnp.asarray(s)))  # noqa: E731
+    edges = lambda s: np.asarray(shown(cameras, jnp.asarray(s)))  # noqa: E731
     state = place_of(found)[0]
     step = 1e-6
     slopes = np.stack(

@@ -30,7 +30,7 @@ def test_edges_are_projected_and_slopes_are_differences(people):
         def edges(move, above=0.0, people=state[seen.person], camera=camera):
             matrix = views.matrix[camera].copy()
             matrix[:, 3] += above * matrix[:, 2]
-            return box_edges(matrix, None, people + move)
+            return box_edges(matrix, people + move)
 
         np.testing.assert_allclose(seen.edges, edges(0), rtol=1e-9)
         moves = [*((move, 0) for move in np.eye(3)), (np.zeros(3), 1)]

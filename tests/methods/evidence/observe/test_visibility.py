@@ -41,7 +41,7 @@ def seen(state, member=None, box=None, frame=None, table=None):
 def outline(state, camera):
     """The box (4,) of a person of the usual width."""
     column, top, bottom = map(
-        float, box_edges(jnp.asarray(VIEWS.matrix[camera]), None, jnp.asarray(state))
+        float, box_edges(jnp.asarray(VIEWS.matrix[camera]), jnp.asarray(state))
     )
     half = ASPECT / 2 * (bottom - top)
     return np.array([column - half, top, column + half, bottom])

@@ -51,7 +51,7 @@ def test_sums_predict_how_offsets_of_cameras_move_the_map():
 
     def edges(g):
         there = jnp.asarray(state) + jnp.asarray(modes) @ g
-        return jax.vmap(lambda m: jax.vmap(lambda s: box_edges(m, None, s))(there))(
+        return jax.vmap(lambda m: jax.vmap(lambda s: box_edges(m, s))(there))(
             jnp.asarray(views.matrix)
         )
 
