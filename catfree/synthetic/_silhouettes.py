@@ -95,23 +95,26 @@ def on_ground(
     return np.stack([x, y, up], -1)
 
 
-def body_points(walkers: Walkers) -> Float[np.ndarray, "t p k 3"]:
-    """(T, P, K, 3) points on the outline of each body, in meters; the last 8 are heels and toes.
+def body_points(
+    walkers: Walkers, frame: Int[np.ndarray, " n"], person: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, "n k 3"]:
+    """(N, K, 3) points on the outline of each body, in meters; the last 8 are heels and toes.
 
     The legs swing with the walking cycle, so the foot nearest to a camera, which sets the bottom
     of a box, is ahead of the body axis. Real boxes have the same bias.
     """
-    amount = np.clip(np.linalg.norm(walkers.velocity, axis=-1) / FREE_SPEED, 0, 1)
+    at = frame, person
+    amount = np.clip(np.linalg.norm(walkers.velocity[at], axis=-1) / FREE_SPEED, 0, 1)
     feet = []
     for side in (-1, 1):
-        ankle, lift, rise = swing_leg(walkers.stride, amount, side)
+        ankle, lift, rise = swing_leg(walkers.stride[at], amount, side)
         for across in (-_FOOT_HALF_WIDTH, _FOOT_HALF_WIDTH):
             x = np.full_like(ankle, side * _FOOT_ACROSS + across)
             feet.append(np.stack([x, ankle + _HEEL, lift + rise], -1))
             feet.append(np.stack([x, ankle + _TOE, lift], -1))
     upper = np.broadcast_to(_UPPER_BODY, (*amount.shape, *_UPPER_BODY.shape))
     body = np.concatenate([upper, np.stack(feet, -2)], -2)
-    return on_ground(body, walkers.position, walkers.heading, walkers.height[None])
+    return on_ground(body, walkers.position[at], walkers.heading[at], walkers.height[person])
 
 
 def cast_silhouettes(
@@ -127,9 +130,13 @@ def cast_silhouettes(
     Returns:
         Every body that is partly inside an image, even if hidden completely.
     """
-    points = body_points(walkers)
+    # Of a long sequence, few people are present in a frame.
+    frame, person = np.nonzero(walkers.present)
+    points = body_points(walkers, frame, person)
     fixed = _column_points(np.zeros((0, 4)) if columns is None else np.asarray(columns))
-    views = [_observe_one(walkers, points, fixed, rig, c) for c in range(rig.camera_count)]
+    views = [
+        _observe_one(walkers, frame, person, points, fixed, rig, c) for c in range(rig.camera_count)
+    ]
     return Silhouettes(
         **{name: np.concatenate([getattr(v, name) for v in views]) for name in vars(views[0])}
     )
@@ -153,22 +160,25 @@ def project_points(rig: Rig, camera: int, points: np.ndarray) -> tuple[np.ndarra
 
 
 def _observe_one(
-    walkers: Walkers, points: np.ndarray, fixed: np.ndarray, rig: Rig, camera: int
+    walkers: Walkers,
+    frame: Int[np.ndarray, " n"],
+    person: Int[np.ndarray, " n"],
+    points: Float[np.ndarray, "n k 3"],
+    fixed: np.ndarray,
+    rig: Rig,
+    camera: int,
 ) -> Silhouettes:
     width, height = (int(pixels) for pixels in rig.image_size[camera])
     pixel, depth = project_points(rig, camera, points)
-    box = np.concatenate([pixel.min(2), pixel.max(2)], -1)
-    in_image = walkers.present & (depth.min(2) > NEAREST)
+    box = np.concatenate([pixel.min(1), pixel.max(1)], -1)
+    in_image = depth.min(1) > NEAREST
     in_image &= (box[..., 2] > 0) & (box[..., 0] < width)
     in_image &= (box[..., 3] > 0) & (box[..., 1] < height)
-    axis = np.concatenate(
-        [walkers.position, np.broadcast_to(walkers.height[:, None] / 2, (*in_image.shape, 1))], -1
-    )
+    axis = np.column_stack([walkers.position[frame, person], walkers.height[person] / 2])
     distance = np.linalg.norm(axis - np.asarray(rig.centers)[camera], axis=-1)
-    frame, person = np.nonzero(in_image)
-    order = np.lexsort((distance[frame, person], frame))
-    frame, person = frame[order], person[order]
-    box, distance = box[frame, person], distance[frame, person]
+    rows = np.flatnonzero(in_image)
+    rows = rows[np.lexsort((distance[rows], frame[rows]))]
+    frame, person, box, distance = frame[rows], person[rows], box[rows], distance[rows]
     inside = _inside_bits(box, width, height)
     hidden, hidden_by = _hidden_by_people(frame, person, box)
     column_pixel, column_depth = project_points(rig, camera, fixed)

@@ -4,7 +4,6 @@ No constant here was chosen to favor a method; each states what it imitates.
 """
 
 from dataclasses import dataclass
-from itertools import accumulate
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -135,10 +134,14 @@ def _draw_detected(
     # A first-order process in time with standard normal marginals, one per person and camera.
     memory = np.exp(-1 / (walkers.fps * model.persistence)) if model.persistence > 0 else 0.0
     frames, people = walkers.present.shape
-    drive = rng.standard_normal((frames, people, cameras))
-    drive[1:] *= np.sqrt(1 - memory**2)
-    luck = ndtr(list(accumulate(drive, lambda before, innovation: memory * before + innovation)))
-    return luck[bodies.frame, bodies.person, bodies.camera] < rate
+    order = np.argsort(bodies.frame, kind="stable")
+    ends = np.cumsum(np.bincount(bodies.frame, minlength=frames))
+    luck, state = np.empty(len(rate)), np.zeros((people, cameras))
+    for frame, rows in enumerate(np.split(order, ends[:-1])):  # all frames at once would be large
+        spread = np.sqrt(1 - memory**2) if frame else 1.0
+        state = memory * state + spread * rng.standard_normal(state.shape)
+        luck[rows] = state[bodies.person[rows], bodies.camera[rows]]
+    return ndtr(luck) < rate
 
 
 def _noisy_boxes(
@@ -238,11 +241,13 @@ def _embeddings(
     colors = part(model.camera, cameras)
     look = person[None] + as_seen
     real = identity >= 0
-    appearance = look[camera, np.where(real, identity, 0)]
+    vector = look[camera, np.where(real, identity, 0)]
     # False positives resemble nothing else: each is a new "person".
-    unrelated = part(model.identity + model.view, len(identity))
-    appearance = np.where(real[:, None], appearance, unrelated)
+    vector[~real] = part(model.identity + model.view, len(identity))[~real]
     share = np.where(occluder >= 0, np.clip(hidden, 0, 0.6), 0.0)[:, None]
-    mixed = (1 - share) * appearance + share * look[camera, np.maximum(occluder, 0)]
-    vector = common + mixed + colors[camera] + part(model.noise, len(identity))
-    return (vector / np.linalg.norm(vector, axis=-1, keepdims=True)).astype(np.float32)
+    vector *= 1 - share
+    vector += share * look[camera, np.maximum(occluder, 0)]
+    for more in (common, colors[camera], part(model.noise, len(identity))):
+        vector += more
+    vector /= np.linalg.norm(vector, axis=-1, keepdims=True)
+    return vector.astype(np.float32)

@@ -63,11 +63,12 @@ def along_the_view(distances) -> tuple:
 def test_boxes_contain_the_projected_people(seed):
     layout, walkers = crowd(seed, frames=5)
     seen = cast_silhouettes(walkers, layout.rig)
-    points = body_points(walkers)
     for camera in range(layout.rig.camera_count):
         rows = seen.camera == camera
         pixel, depth = project_points(
-            layout.rig, camera, points[seen.frame[rows], seen.person[rows]].reshape(-1, 3)
+            layout.rig,
+            camera,
+            body_points(walkers, seen.frame[rows], seen.person[rows]).reshape(-1, 3),
         )
         assert (depth > NEAREST).all()
         pixel = pixel.reshape(rows.sum(), -1, 2)
