@@ -10,7 +10,7 @@ from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
 from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, Z
-from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_camera
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import Placement, turn, vote
 from catfree.calibration.people.matching._verdict import (
@@ -183,7 +183,7 @@ def _candidates(
     people = group_people(work.voting, state, settings).ground
     votes = []
     for plane in work.planes(camera, middle):
-        camera_map = map_camera(work.voting, camera, plane, settings, RANGE_ERRORS[0])
+        camera_map = work.local_map(work.voting, camera, plane)
         votes += [(v, plane) for v in vote(people, camera_map, settings, 2)]
     votes.sort(key=lambda item: -item[0].score)
     starts = [placement.place(plane) for placement, plane in votes[:FROM_VOTES]]
