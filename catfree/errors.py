@@ -1,6 +1,6 @@
 """The exceptions of catfree.
 
-Each message is one sentence that says what is wrong, where (file, camera, frame, index) and what to
+Each message says in a sentence or two what is wrong, where (file, camera, frame, index) and what to
 do. Catch `CatFreeError` to catch them all.
 """
 

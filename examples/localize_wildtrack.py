@@ -1,6 +1,6 @@
 """Localize and track people in a sequence with true positions, and score the result.
 
-python examples/localize_wildtrack.py PATH_TO_JSON [--method paper|evidence] [--out DIR]
+    python examples/localize_wildtrack.py PATH_TO_JSON [--method paper|evidence] [--out DIR]
 
 The file is one uniform JSON (see `catfree.adapters.read_uniform_json`), for instance WildTrack with
 the boxes of a detector; any other sequence with cameras and true positions works as well.

@@ -109,7 +109,7 @@ def coverage(
     Args:
         scene: cameras, ground and extent.
         area: x_min, x_max, y_min, y_max in ground coordinates (`Plane.basis`), scene units; None
-            for `visible_area(scene)`.
+            for the ground that two cameras see within E of the mean camera.
         resolution: side of a cell in scene units; None for E / 100.
         sigma_theta: angular noise of a foot ray in radians.
         person_height: height of the head above the feet in scene units; a person counts as seen

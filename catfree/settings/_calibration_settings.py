@@ -12,7 +12,8 @@ class CalibrationSettings(CheckedSettings):
     Lengths are in meters, angles in radians, pixels in original image pixels.
 
     Attributes:
-        person_height: mean standing height of adults, shoes included; the only source of scale.
+        person_height: mean standing height of adults, shoes included; the only source of scale
+            but for anchors.
         person_height_sd: spread of standing heights.
         crowd_height_sd: standard deviation of the mean height of the people at one place around
             `person_height`. Images do not reveal it, so it is part of the uncertainty of the scale.

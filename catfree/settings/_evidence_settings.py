@@ -154,7 +154,7 @@ class EvidenceSettings(CheckedSettings):
     edge_noise: tuple[float, float, float] = constant(
         (0.05, 0.04, 0.05),
         "start",
-        "detectors place an edge to a few per cent, and people sway and step by as much; learned "
+        "detectors place an edge to a few percent, and people sway and step by as much; learned "
         "per camera and edge",
     )
     angular_noise: float = constant(
@@ -167,7 +167,7 @@ class EvidenceSettings(CheckedSettings):
         1.05,
         "decision",
         "if the cameras agree, both attempts reach the same evidence to within 2 %; if they split "
-        "into subsets that disagree, the difference is tens of per cent",
+        "into subsets that disagree, the difference is tens of percent",
     )
     ankle_factor: float = constant(
         1.7,
@@ -228,7 +228,7 @@ class EvidenceSettings(CheckedSettings):
     field_prior: tuple[float, float, float, float] = constant(
         (0.01, 0.01, 0.01, 0.05),
         "physical",
-        "one per cent of the focal length (10 pixels) is a poorly known principal point or pitch; "
+        "one percent of the focal length (10 pixels) is a poorly known principal point or pitch; "
         "5 % of the box height is a detector that draws loose boxes",
     )
     height_spread_range: tuple[float, float] = constant(

@@ -39,7 +39,7 @@ class Detections(eqx.Module):
     Attributes:
         frame: (N,) int64, the synchronized frame (time index) of each box; any integers
             less than 2^53 apart.
-        camera: (N,) int64, index into the rig's cameras, 0-based.
+        camera: (N,) int64, index into the rig's cameras, from 0 to at most 9,999.
         box: (N, 4) x1, y1, x2, y2 in original image pixels, the center of the top-left pixel at
             (0, 0); float dtype is kept, other numbers become float64.
         score: (N,) detector confidence in [0, 1], or None.

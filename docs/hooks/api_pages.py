@@ -85,8 +85,8 @@ def _commands() -> str:
     """The help of every command, as the terminal prints it."""
     parts = [
         "# The command line",
-        "`pip install 'catfree[cli]'` installs the command `catfree`. Errors are one sentence, and "
-        "the exit code is 0 only if all went well.",
+        "`pip install -e '.[cli]'` in a clone installs the command `catfree`. Its exit code is 0 "
+        "only if all went well; otherwise a sentence or two say what to do.",
     ]
     for words in _below(()):
         parts += [f"## catfree {' '.join(words)}", f"```text\n{_help(words)}```"]

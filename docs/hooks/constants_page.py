@@ -34,8 +34,9 @@ All are fields of `cf.settings.EvidenceSettings`. The modules have further const
 guards, and thresholds of warnings.
 
 The last two columns show what a constant changes: the change of MODA, in points, if it is halved
-and if it is doubled (shares stay below one). It is the mean over {sets}.
-Less than {chance} points is chance: changing any constant by two per cent does as much.
+and if it is doubled (shares stay below one). It is the mean over
+{sets}.
+Less than {chance} points is chance: changing any constant by 2 % does as much.
 
 `python benchmarks/evidence_ablation.py --constants DATA ...` measures the changes anew, and
 `python docs/hooks/constants_page.py` writes this page.

@@ -191,10 +191,10 @@ def check(
     """Check whether the cameras still are where a scene says, from the people they saw.
 
     The recording is cut into windows of up to a minute. In each, the people whom at least two
-    cameras see tell by how much every camera is turned and late. A camera moved if these errors
-    change by more than chance and the differences between people explain. By chance, a camera to
-    which nothing happened raises one false alarm in 200 hours of any recording, and more of them
-    in a rig that is off by decimeters.
+    cameras see show by how much every camera is turned and late. A camera moved if these errors
+    change by more than chance and the differences between people explain. The thresholds are such
+    that chance accuses a camera to which nothing happened once in 200 hours, and more often in a
+    rig that is off by decimeters.
 
     Args:
         scene: cameras and ground.

@@ -94,7 +94,7 @@ class PendingInstant(NamedTuple):
 class TrackerState:
     """All that a `Tracker` remembers: a pytree of arrays whose size does not grow with time.
 
-    Only with an infinite lag it does, because then all boxes are needed at the end.
+    With an infinite lag it does grow, because all boxes are needed at the end.
 
     Attributes:
         count: () instants so far; `time`: () seconds of the last, minus infinity before the first.

@@ -337,7 +337,12 @@ class Tracks(eqx.Module):
         return result
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write to one `.npz` file (no pickle)."""
+        """Write to one `.npz` file (no pickle).
+
+        Raises:
+            InvalidInputError: if the folder does not exist.
+            WriteError: if the disk is full or not writable.
+        """
         save_arrays(path, "Tracks", vars(self) | {"clock": clock_to_array(self.clock)})
 
     @classmethod
