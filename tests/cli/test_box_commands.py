@@ -143,7 +143,7 @@ def test_cameras_from_boxes(world, boxes, tmp_path, capsys):
     out = tmp_path / "rig"
     words = ["calibrate", str(boxes), "--out", str(out)]
     assert cli.main(words) == 1
-    assert "sizes of the images are needed" in sentence_after_table(capsys)
+    assert "sizes of the images are needed: give --image-size" in sentence_after_table(capsys)
     assert cli.main([*words, "--image-size", *map(str, SIZE)]) == 0
     scene, names = read_scene(out)
     assert names == tuple(sorted(NAMES))
