@@ -185,6 +185,9 @@ def test_mistakes_are_one_sentence(world, boxes, tmp_path, capsys):
     ]:
         assert cli.main([*words, "--out", str(tmp_path / "out")]) == 1
         assert expected in sentence(capsys)
+    words = ["localize", str(boxes), "--scene", str(scene), "--max-offset", "3"]
+    assert cli.main([*words, "--out", str(tmp_path / "out")]) == 1
+    assert "a largest offset are for cameras found from people" in sentence_after_table(capsys)
     other = tmp_path / "south.txt"
     other.write_text((boxes / "north.txt").read_text())
     words = ["localize", str(other), east, "--scene", str(scene), "--out", str(tmp_path / "out")]
