@@ -46,7 +46,10 @@ from catfree.types._annotations import Progress
 from catfree.types._processes import require_own_process
 from catfree.types._validation import as_count, require_instance, require_no_boxes
 
-_ONLY_FROM_PEOPLE = "Anchors are for cameras found from people; leave out scene and reconstructor."
+_ONLY_FROM_PEOPLE = (
+    "Anchors and a largest offset are for cameras found from people; leave out these, or scene and "
+    "reconstructor."
+)
 
 Videos = SynchronizedVideos | Sequence[str | os.PathLike[str]]
 
@@ -229,7 +232,7 @@ def run_stages(
             )
     if scene is not None and reconstructor is not None:
         raise InvalidInputError("Pass a scene or a reconstructor, not both.")
-    if anchors and (scene is not None or reconstructor is not None):
+    if (anchors or maximum_offset) and (scene is not None or reconstructor is not None):
         raise InvalidInputError(_ONLY_FROM_PEOPLE)
     if not isinstance(videos, SynchronizedVideos):
         if isinstance(videos, str | os.PathLike) or not videos:
@@ -346,7 +349,7 @@ def run_boxes(
     # Told before the long work.
     require_no_boxes(silent, detections.frame, detections.camera, boxes.camera_names)
     warnings: tuple[str, ...] = ()
-    if anchors and scene is not None:
+    if (anchors or maximum_offset) and scene is not None:
         raise InvalidInputError(_ONLY_FROM_PEOPLE)
     if scene is not None:
         given = scene

@@ -28,7 +28,12 @@ from catfree.types._annotations import Progress, no_progress
 from catfree.types._rig import require_pinholes
 from catfree.types._sampling import evenly_spread
 from catfree.types._scene import require_scene
-from catfree.types._validation import as_count, require_instance, require_known_cameras
+from catfree.types._validation import (
+    as_count,
+    require_different_cameras,
+    require_instance,
+    require_known_cameras,
+)
 
 RESOLVED = 0.25  # fraction of the median height below which box errors stop shrinking
 GROUND_ITERATIONS = 20  # reweighting converges to a thousandth of the noise
@@ -93,7 +98,7 @@ def refine(
 
     Raises:
         InvalidInputError: if a detection names a camera that the rig does not have, a camera is not
-            a pinhole, or `rounds` is negative.
+            a pinhole, two cameras have the same boxes, or `rounds` is negative.
         InsufficientDataError: if fewer than three cameras are registered, or no person is seen by
             three cameras.
 
@@ -108,6 +113,7 @@ def refine(
     report = progress or no_progress
     require_pinholes(scene.rig, "refinement")
     _require_cameras(detections, scene.rig)
+    require_different_cameras(detections.frame, detections.camera, detections.box)
     keep = _confident(detections, scene.rig, settings)
     if settings.method == "evidence":
         return refine_by_evidence(detections[keep], scene, settings, rounds, report)

@@ -183,10 +183,19 @@ def open_reconstructor(path: Path | None) -> Any:
 def open_scene(
     path: Path | None, unit: Unit = "m", image_size: tuple[int, int] | None = None
 ) -> tuple[Any, tuple[str, ...] | None]:
-    """Read cameras and ground in any format, and the cameras' names if it has any."""
+    """Read cameras and ground in any format, and the cameras' names if it has any.
+
+    Raises:
+        CatFreeError: if there is no calibration, or a unit without one.
+    """
     from catfree.adapters.datasets import read_scene
 
     if path is None:
+        if unit != "m":
+            raise InvalidInputError(
+                f"--unit {unit} is the unit of a --scene, and none is given. Cameras that are "
+                "found from people are in meters. Leave out --unit."
+            )
         return None, None
     return read_scene(path, unit=unit, image_size=image_size)
 

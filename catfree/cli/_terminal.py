@@ -19,6 +19,7 @@ FAILURE, INTERRUPTED = 1, 130
 # Advice in terms of the library, and the same in terms of commands and their options.
 OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
+    "pass image_size, or a scene": "give --image-size, or to catfree localize a --scene",
     "Pass a detector": "Give --detector, a detector",
     "cf.run_shard": "catfree shard",
     "again with cf.shards": "again with catfree plan",

@@ -1,5 +1,7 @@
 """Refining a rig with people: the adjustment against independent computations, then the rounds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -20,7 +22,7 @@ from catfree.geometry import CanonicalFrame, Similarity, transform_scene
 from catfree.geometry._least_squares import HUBER
 from catfree.settings import Settings
 from catfree.synthetic import RigError, make_layout, make_world
-from catfree.types import Rig, Scene
+from catfree.types import Detections, Rig, Scene
 from tests.calibration.partial_scene import without_camera
 
 pytestmark = pytest.mark.slow
@@ -189,3 +191,12 @@ def test_what_cannot_be_refined_is_refused(method):
     by_few = r"No person is (confidently )?seen by 3 cameras"
     with pytest.raises(InsufficientDataError, match=by_few):
         refine(world.detections[world.detections.camera < 2], world.scene, method)
+
+
+def test_a_camera_given_twice_is_refused():
+    world = make_world("ring4", seed=0, frames=20, people=5)
+    boxes = world.detections[world.detections.camera != 1]
+    again = boxes[boxes.camera == 0]
+    twice = Detections.concatenate([boxes, replace(again, camera=again.camera + 1)])
+    with pytest.raises(InvalidInputError, match=r"Cameras 0 and 1 have the same .* boxes"):
+        refine(twice, world.scene)

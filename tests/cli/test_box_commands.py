@@ -143,7 +143,7 @@ def test_cameras_from_boxes(world, boxes, tmp_path, capsys):
     out = tmp_path / "rig"
     words = ["calibrate", str(boxes), "--out", str(out)]
     assert cli.main(words) == 1
-    assert "sizes of the images are needed" in sentence_after_table(capsys)
+    assert "sizes of the images are needed: give --image-size" in sentence_after_table(capsys)
     assert cli.main([*words, "--image-size", *map(str, SIZE)]) == 0
     scene, names = read_scene(out)
     assert names == tuple(sorted(NAMES))
@@ -185,6 +185,9 @@ def test_mistakes_are_one_sentence(world, boxes, tmp_path, capsys):
     ]:
         assert cli.main([*words, "--out", str(tmp_path / "out")]) == 1
         assert expected in sentence(capsys)
+    words = ["localize", str(boxes), "--scene", str(scene), "--max-offset", "3"]
+    assert cli.main([*words, "--out", str(tmp_path / "out")]) == 1
+    assert "a largest offset are for cameras found from people" in sentence_after_table(capsys)
     other = tmp_path / "south.txt"
     other.write_text((boxes / "north.txt").read_text())
     words = ["localize", str(other), east, "--scene", str(scene), "--out", str(tmp_path / "out")]

@@ -125,6 +125,11 @@ def test_what_is_not_given_is_not_opened():
     assert open_scene(None) == (None, None)
 
 
+def test_a_unit_is_that_of_a_scene():
+    with pytest.raises(InvalidInputError, match=r"--unit ft is the unit of a --scene.*meters"):
+        open_scene(None, "ft")
+
+
 def test_scenes_of_both_formats(tmp_path):
     scene = make_layout("ring4", 0).scene
     scene.save(tmp_path / "scene.npz")

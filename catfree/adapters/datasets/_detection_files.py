@@ -232,7 +232,15 @@ def _files_of(source: Path) -> list[Path]:
     if (source / "detections.npz").is_file():
         return [source / "detections.npz"]
     if any(source.glob("*.parquet")):
-        return [source]  # read as one table
+        # Read as one table. Arrow leaves out names that begin like these.
+        others = (path for path in source.iterdir() if not path.name.startswith((".", "_")))
+        other = min((p for p in others if p.is_file() and p.suffix != ".parquet"), default=None)
+        if other is not None:
+            raise InvalidInputError(
+                f"The folder {source} holds Parquet tables and other files, such as {other.name}. "
+                "Name the file with the boxes, or a folder of the tables alone."
+            )
+        return [source]
     for pattern in ("*/det/det.txt", "*.txt", "*.csv", "*.json", "*/*.txt"):
         files = [path for path in source.glob(pattern) if not path.name.startswith(".")]
         if files:

@@ -76,14 +76,17 @@ def read_text(path: StrPath, meaning: str) -> str:
 
     Raises:
         InvalidInputError: if there is no such file.
-        FileFormatError: if it is not text or cannot be read.
+        FileFormatError: if it is not text, such as arrays under another name, or cannot be read.
     """
     source = require_file(path, meaning)
     try:
         return source.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
+        advice = ""
+        if zipfile.is_zipfile(source):
+            advice = " If it holds arrays that `save` wrote, name it .npz."
         raise FileFormatError(
-            f"{source} ({meaning}) is not readable text: {quoted(error)}."
+            f"{source} ({meaning}) is not readable text: {quoted(error)}.{advice}"
         ) from error
 
 

@@ -187,6 +187,16 @@ def test_tables_of_other_programs(boxes, tmp_path):
     np.testing.assert_array_equal(rows_of(found), rows_of(boxes))
 
 
+def test_a_folder_of_tables_holds_nothing_else(boxes, tmp_path):
+    pytest.importorskip("pyarrow")
+    write_detections_parquet(tmp_path / "boxes.parquet", boxes)
+    (tmp_path / "_SUCCESS").write_text("")
+    assert len(cf.read_detections(tmp_path)[0]) == len(boxes)
+    (tmp_path / "truth.csv").write_text("frame,id,x,y\n")
+    with pytest.raises(InvalidInputError, match=r"other files, such as truth\.csv\. Name the file"):
+        cf.read_detections(tmp_path)
+
+
 def test_a_table_of_named_cameras_keeps_its_embeddings(boxes, tmp_path):
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")

@@ -161,6 +161,12 @@ def test_wrong_units_are_noticed(rig, tmp_path):
         cf.read_scene(path)
 
 
+def test_arrays_under_the_name_of_text_are_told(tmp_path):
+    make_layout("ring4", 0).scene.save(tmp_path / "scene.json")
+    with pytest.raises(FileFormatError, match=r"scene\.json .* that `save` wrote, name it \.npz"):
+        cf.read_scene(tmp_path / "scene.json")
+
+
 def test_what_is_no_calibration_is_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "notes.txt").write_text("")
