@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from catfree.errors import InvalidInputError, MissingDependencyError
 from catfree.geometry import Similarity
 from catfree.geometry._arrays import ArrayInput
-from catfree.synthetic._layouts import look_at
 from catfree.types import Detections, Plane, Rig, Scene
 
 try:
@@ -99,7 +98,7 @@ def scenes(draw: "DrawFn", cameras: int | None = None) -> Scene:
     center = np.column_stack(
         [distance * np.cos(bearing), distance * np.sin(bearing), np.array(height)]
     )
-    R = np.stack([look_at(c, np.zeros(3)) for c in center])
+    R = np.stack([_looking_at_origin(c) for c in center])
     K = np.array([[[f, 0, 959.5], [0, f, 539.5], [0, 0, 1]] for f in focal])
     rig = Rig(K, R, -np.einsum("cij,cj->ci", R, center), (1920, 1080))
     return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
@@ -155,3 +154,11 @@ def boxes_of(scene: Scene, positions: ArrayInput) -> Detections:
 def _rotation(imaginary: tuple[float, float, float]) -> np.ndarray:
     """The rotation of the quaternion 1 + xi + yj + zk."""
     return Rotation.from_quat([*imaginary, 1.0]).as_matrix()
+
+
+def _looking_at_origin(center: np.ndarray) -> np.ndarray:
+    """World-to-camera rotation with OpenCV axes; z is up in the world."""
+    forward = -center / np.linalg.norm(center)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])

@@ -410,6 +410,7 @@ def calibrate(
     source: Any
     finder: Any
     if of_boxes:
+        require_other_folder(out, videos)
         source, finder = open_boxes(videos, image_size=image_size), None
         print_table(_box_table(source), aside=True)
     else:
