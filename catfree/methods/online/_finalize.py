@@ -84,10 +84,7 @@ def provisional(
     sure = sure_groups(instant.support, instant.evidence, cameras, settings)
     probability = expit(np.where(sure, np.maximum(log_odds, instant.evidence), log_odds))
     spread, sharp = sharp_positions(node.covariance, instant.shift, probability, settings)
-    alone = one_per_place(
-        np.zeros(len(sharp), np.int64), node.mean, node.covariance, node.group >= 0,
-        instant.weight, sharp, settings.personal_space,
-    )  # fmt: skip
+    alone = one_per_place(node.trails, instant.weight, sharp, settings.personal_space)
     rows = np.flatnonzero(alone & _in_working_area(instant.place, learned, settings))
     names = _identity_of(state, node.track[rows])
     unnamed = _by_precision(np.flatnonzero(names < 0), spread[rows])
@@ -187,10 +184,7 @@ def finalize(
         trails.covariance, of_trails("shift"), probability, settings
     )
     oldest = trails.frame < ready
-    alone = one_per_place(
-        trails.frame, trails.mean, trails.covariance, trails.group >= 0, weight, sharp & oldest,
-        settings.personal_space,
-    )  # fmt: skip
+    alone = one_per_place(trails, weight, sharp & oldest, settings.personal_space)
     sharp = np.where(oldest, alone, sharp)
     reported = sharp & _in_working_area(of_trails("place"), learned, settings)
     extra = covariance - trails.covariance[:, :2, :2]

@@ -274,6 +274,12 @@ class Node(NamedTuple):
     mean: Float[np.ndarray, "track 5"]
     covariance: Float[np.ndarray, "track 5 5"]
 
+    @property
+    def trails(self) -> Trails:
+        """The tracks as rows of the first frame."""
+        frame = np.zeros(len(self.track), np.int64)
+        return Trails(self.track, frame, self.group, self.mean, self.covariance)
+
 
 def link(
     before: Pasts,
