@@ -10,6 +10,7 @@ from catfree.methods.evidence.group._appearance import (
     PairRatios,
     appearance_log_odds,
     looks_of,
+    no_looks,
 )
 from catfree.methods.evidence.group._group import group
 from catfree.methods.evidence.group._groups import Priors, priors_of
@@ -104,7 +105,9 @@ def advance(
     )  # fmt: skip
     log_odds = existence.log_odds
 
-    looks = looks_of(ratios, groups.member) if ratios and settings.link_by_looks else None
+    looks = no_looks(len(groups), state.heads.look.shape[1])
+    if ratios is not None and settings.link_by_looks:
+        looks = looks_of(ratios, groups.member)
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
     info = groups.info[rows]
     population = Population(np.zeros(1), motion, density, spread, settings, looks)
@@ -122,9 +125,8 @@ def advance(
     member[hit] = groups.member[hit_groups]
     matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))
     matrix[hit], vector[hit] = groups.info.matrix[hit_groups], groups.info.vector[hit_groups]
-    look, count = np.zeros((len(hit), state.heads.look.shape[1])), np.zeros(len(hit), np.int64)
-    if looks is not None:
-        look[hit], count[hit] = looks.total[hit_groups], looks.count[hit_groups]
+    look, count = np.zeros((len(hit), looks.total.shape[1])), np.zeros(len(hit), np.int64)
+    look[hit], count[hit] = looks.total[hit_groups], looks.count[hit_groups]
     current = PendingInstant(
         time=np.array(time),
         node=node._replace(group=np.where(hit, np.arange(len(hit)), -1)),
