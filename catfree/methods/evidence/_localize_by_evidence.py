@@ -17,6 +17,7 @@ from catfree.methods.evidence.report._blind_cameras import blind_camera_warnings
 from catfree.methods.evidence.report._lens_pattern import lens_bends, lens_warnings
 from catfree.methods.evidence.report._ray_diagnostics import ray_diagnostics
 from catfree.methods.evidence.report._residual_patterns import residual_patterns
+from catfree.methods.paper._assemble import summarize
 from catfree.settings import EvidenceSettings
 from catfree.types import (
     Candidates,
@@ -24,7 +25,6 @@ from catfree.types import (
     Fate,
     Localization,
     Origin,
-    Reliability,
     Scene,
     Thresholds,
     Tracks,
@@ -170,17 +170,11 @@ def describe(
         fate=fate,
     )
     radius = settings.report_radius * unit
-    used = s.groups.member[group[is_detected]]
-    median = float(np.median(tracks.sigma)) if len(tracks) else float("nan")
     precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
     height = rays.ground_height(fate == Fate.ACCEPTED) * unit
-    reliability = Reliability(
-        median_sigma=median,
-        sigma_over_radius=median / radius,
-        fraction_recovered=0.0,
+    reliability = replace(
+        summarize(tracks, candidates, len(s.boxes.row), radius),
         fraction_extended=float(np.mean(~is_detected)) if len(tracks) else 0.0,
-        mean_supporting_cameras=float(tracks.supporting_cameras.mean()) if len(tracks) else 0.0,
-        detections_used=float((used >= 0).sum() / max(len(s.boxes.row), 1)),
         expected_precision=precision,
         expected_recall=recall,
         ground_height=height,

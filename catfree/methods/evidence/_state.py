@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.methods.evidence._gaussian import mean_and_covariance
-from catfree.methods.evidence.group._appearance import PairRatios, looks_of
+from catfree.methods.evidence.group._appearance import PairRatios, looks_of, no_looks
 from catfree.methods.evidence.group._groups import Groups, Priors, no_groups, no_priors
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
@@ -83,7 +83,7 @@ class EvidenceState(eqx.Module):
     def population(self, settings: EvidenceSettings) -> Population:
         """What the state knows of all people and frames together."""
         density, spread = float(self.noise.density), float(self.noise.spread)
-        looks = None
+        looks = no_looks(len(self.groups))
         if self.ratios is not None and settings.link_by_looks:
             looks = looks_of(self.ratios, self.groups.member)
         return Population(self.boxes.time, self.motion, density, spread, settings, looks)

@@ -10,6 +10,7 @@ from catfree.methods.evidence.group._appearance import (
     PairRatios,
     appearance_log_odds,
     looks_of,
+    no_looks,
 )
 from catfree.methods.evidence.group._group import group
 from catfree.methods.evidence.group._groups import Priors, priors_of
@@ -33,8 +34,8 @@ from catfree.methods.evidence.track._presence import step_forward
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
     CONSECUTIVE,
+    Node,
     Population,
-    Trails,
     counted_steps,
     link,
     motion_of,
@@ -104,28 +105,28 @@ def advance(
     )  # fmt: skip
     log_odds = existence.log_odds
 
-    looks = looks_of(ratios, groups.member) if ratios and settings.link_by_looks else None
+    looks = no_looks(len(groups), state.heads.look.shape[1])
+    if ratios is not None and settings.link_by_looks:
+        looks = looks_of(ratios, groups.member)
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
     info = groups.info[rows]
     population = Population(np.zeros(1), motion, density, spread, settings, looks)
     node, followed, tracks = link(heads, info, rows, int(state.tracks), population)
     hit = node.group >= 0
     hit_groups = node.group[hit]
-    instant = np.zeros(len(hit), np.int64)
-    around = expected_views(node.mean[:, :3], instant, boxes, views, settings)
-    evidence = misses(rate(with_pictures(around, instant, boxes)))
+    trails = node.trails
+    around = expected_views(trails.mean[:, :3], trails.frame, boxes, views, settings)
+    evidence = misses(rate(with_pictures(around, trails.frame, boxes)))
     evidence[hit] = log_odds[hit_groups]
     evidence = np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
     forward, weight = _carry(state, node.track, evidence, settings)
-    trails = Trails(node.track, instant, node.group, node.mean, node.covariance)
     shift = ground_shift(trails, groups, measured, boxes.view, views, noise, settings)
     member = np.full((len(hit), len(learned.active)), -1)
     member[hit] = groups.member[hit_groups]
     matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))
     matrix[hit], vector[hit] = groups.info.matrix[hit_groups], groups.info.vector[hit_groups]
-    look, count = np.zeros((len(hit), state.heads.look.shape[1])), np.zeros(len(hit), np.int64)
-    if looks is not None:
-        look[hit], count[hit] = looks.total[hit_groups], looks.count[hit_groups]
+    look, count = np.zeros((len(hit), looks.total.shape[1])), np.zeros(len(hit), np.int64)
+    look[hit], count[hit] = looks.total[hit_groups], looks.count[hit_groups]
     current = PendingInstant(
         time=np.array(time),
         node=node._replace(group=np.where(hit, np.arange(len(hit)), -1)),
@@ -178,21 +179,15 @@ def _priors(
     density: float,
     spread: float,
     settings: EvidenceSettings,
-) -> Priors | None:
+) -> Priors:
     """Predicted places of people who are present, one for each person."""
     present = state.forward[:, 0] > state.forward[:, 1]
-    mean, covariance = heads.mean[:, :3], heads.covariance[:, :3, :3]
-    keep = np.flatnonzero(
-        one_per_place(
-            np.zeros(len(present), np.int64), mean, covariance, heads.gap == 0, state.weight,
-            present, settings.personal_space,
-        )
-    )  # fmt: skip
-    if len(keep) == 0:
-        return None
-    precision = np.linalg.inv(covariance[keep])
-    vector = np.einsum("nij,nj->ni", precision, mean[keep])
-    return priors_of(np.zeros(len(keep), np.int64), precision, vector, density, spread)
+    seen = np.where(heads.gap == 0, 0, -1)
+    people = Node(heads.name, seen, heads.mean, heads.covariance).trails
+    people = people[one_per_place(people, state.weight, present, settings.personal_space)]
+    precision = np.linalg.inv(people.covariance[:, :3, :3])
+    vector = np.einsum("nij,nj->ni", precision, people.mean[:, :3])
+    return priors_of(people.frame, precision, vector, density, spread)
 
 
 def _carry(

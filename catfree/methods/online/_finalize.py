@@ -18,7 +18,7 @@ from catfree.methods.evidence.track._identify import (
     ChainBoxes,
     futures_of,
     match_chains,
-    nodes_of,
+    seen_positions,
 )
 from catfree.methods.evidence.track._pasts import extend, predict
 from catfree.methods.evidence.track._presence import chain_weights
@@ -84,10 +84,7 @@ def provisional(
     sure = sure_groups(instant.support, instant.evidence, cameras, settings)
     probability = expit(np.where(sure, np.maximum(log_odds, instant.evidence), log_odds))
     spread, sharp = sharp_positions(node.covariance, instant.shift, probability, settings)
-    alone = one_per_place(
-        np.zeros(len(sharp), np.int64), node.mean, node.covariance, node.group >= 0,
-        instant.weight, sharp, settings.personal_space,
-    )  # fmt: skip
+    alone = one_per_place(node.trails, instant.weight, sharp, settings.personal_space)
     rows = np.flatnonzero(alone & _in_working_area(instant.place, learned, settings))
     names = _identity_of(state, node.track[rows])
     unnamed = _by_precision(np.flatnonzero(names < 0), spread[rows])
@@ -180,17 +177,12 @@ def finalize(
     weight = of_trails("weight")[last][np.cumsum(np.r_[0, last[:-1]])]
     info = Information(column("matrix"), column("vector"), np.zeros(len(trails)))
     likeness = likeness_of(learned, settings) if settings.link_by_looks else None
-    looks = None
-    if likeness is not None:
-        looks = Looks(column("look"), column("boxes"), likeness)
+    looks = Looks(column("look"), column("boxes"), likeness)
     covariance, sharp = sharp_positions(
         trails.covariance, of_trails("shift"), probability, settings
     )
     oldest = trails.frame < ready
-    alone = one_per_place(
-        trails.frame, trails.mean, trails.covariance, trails.group >= 0, weight, sharp & oldest,
-        settings.personal_space,
-    )  # fmt: skip
+    alone = one_per_place(trails, weight, sharp & oldest, settings.personal_space)
     sharp = np.where(oldest, alone, sharp)
     reported = sharp & _in_working_area(of_trails("place"), learned, settings)
     extra = covariance - trails.covariance[:, :2, :2]
@@ -234,16 +226,13 @@ def _identify(
     pasts = predict(state.pasts, *transition(motion, step))
     rows = np.flatnonzero(reported & (trails.frame >= frame))
     rows = rows[np.argsort(trails.frame[rows], kind="stable")]
-    nodes = nodes_of(trails, rows, extra, info, population.looks)
-    dim = pasts.look.shape[1]
-    if nodes.seen.look.shape[1] != dim:
-        nodes = nodes._replace(seen=nodes.seen._replace(look=np.zeros((len(rows), dim))))
+    seen = seen_positions(trails, rows, extra, info, population.looks)
     track, chain = np.unique(trails.track[rows], return_inverse=True)
-    bounds = np.searchsorted(nodes.frame, np.arange(frame, len(population.time) + 1))
+    bounds = np.searchsorted(trails.frame[rows], np.arange(frame, len(population.time) + 1))
     at = [np.arange(a, b) for a, b in pairwise(bounds)]
     steps = [transition(motion, float(dt)) for dt in np.diff(population.time[frame:])]
-    future = futures_of(at, nodes, chain, steps)[0]
-    ahead = ChainBoxes.of(nodes.seen, chain, len(track)).at(future.chain)
+    future = futures_of(at, seen, chain, steps)[0]
+    ahead = ChainBoxes.of(seen, chain, len(track)).at(future.chain)
     past_of = np.full(len(track), -1)
     past_of[future.chain] = match_chains(pasts, future, ahead, _habits(learned.habits), population)
     frame_nodes = at[0]
@@ -264,8 +253,8 @@ def _identify(
         if old >= 0 and old != name and old not in pasts.name and old not in names
     ]
     hidden, begun = pasts.gap[linked[linked >= 0]], names[linked < 0]
-    seen = nodes.at(frame_nodes)
-    longer = extend(pasts, linked, begun, seen, population.spread, motion.speed)
+    now = seen.at(frame_nodes)
+    longer = extend(pasts, linked, begun, now, population.spread, motion.speed)
     longer = longer.seen_within(HORIZON - 1)
     departed = len(pasts.name) + len(begun) - len(longer.name)
     counted = np.array(

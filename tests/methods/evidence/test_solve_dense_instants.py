@@ -12,6 +12,7 @@ from hypothesis import given, strategies as st
 import catfree as cf
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group import _merge as association
+from catfree.methods.evidence.group._appearance import no_looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe import _hidden_shares as hiding
 from catfree.methods.evidence.track import _tracking as tracking
@@ -174,7 +175,7 @@ def test_tracks_linked_a_few_at_a_time_are_the_same(monkeypatch):
 
     def tracks():
         motion = Motion(0.2, 0.85, 0.03, 0.005)
-        people = Population(np.arange(5.0), motion, 0.1, 0.05, EvidenceSettings())
+        people = Population(np.arange(5.0), motion, 0.1, 0.05, EvidenceSettings(), no_looks(100))
         return follow(groups, np.full(100, 3.0), people)
 
     whole = tracks()

@@ -130,12 +130,12 @@ class Looks:
     Attributes:
         total: (H, D) sum of the embeddings of each group's boxes.
         count: (H,) number of boxes with an embedding.
-        likeness: maps a distance to the log-likelihood ratio of one box.
+        likeness: maps a distance to the log-likelihood ratio of one box; None if looks say nothing.
     """
 
     total: Float[np.ndarray, "group dim"]
     count: Int[np.ndarray, " group"]
-    likeness: Likeness
+    likeness: Likeness | None
 
     def compare(
         self,
@@ -157,10 +157,17 @@ class Looks:
         Returns:
             (T, K), zero where one of the two has no embedding.
         """
+        if self.likeness is None:
+            return np.zeros((len(count), len(others)))
         one = total / np.maximum(count, 1)[:, None]
         two = other / np.maximum(others, 1)[:, None]
         known = (count > 0)[:, None] & (others > 0)[None]
         return np.where(known, new * self.likeness(1 - one @ two.T), 0.0)
+
+
+def no_looks(groups: int, dim: int = 0) -> Looks:
+    """Looks of so many groups that say nothing, with embeddings of `dim` numbers."""
+    return Looks(np.zeros((groups, dim)), np.zeros(groups, np.int64), None)
 
 
 def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:

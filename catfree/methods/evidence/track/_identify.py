@@ -63,22 +63,6 @@ class AbsenceHabits(NamedTuple):
         return np.where(hidden > 0, cost - (hidden - 1) * np.log(self.stay_hidden), 0.0)
 
 
-class Nodes(NamedTuple):
-    """Reported positions, sorted by frame.
-
-    Attributes:
-        frame: (N,) frame index.
-        seen: (N) what their boxes say.
-    """
-
-    frame: Int[np.ndarray, " n"]
-    seen: SeenPositions
-
-    def at(self, rows) -> SeenPositions:
-        """Some of the positions."""
-        return self.seen.at(rows)
-
-
 def identify(
     trails: Trails,
     reported: Bool[np.ndarray, " node"],
@@ -103,16 +87,16 @@ def identify(
     names = np.full(len(trails), -1)
     if len(rows) == 0:
         return names
-    position, group = trails.mean[rows, :2], trails.group[rows]
+    position, frame, group = trails.mean[rows, :2], trails.frame[rows], trails.group[rows]
     measured, _ = mean_and_covariance(info[group[group >= 0]], population.spread)
     position[group >= 0] = measured[:, :2]
-    nodes = nodes_of(trails, rows, error, info, population.looks)
+    seen = seen_positions(trails, rows, error, info, population.looks)
     chain = np.unique(trails.track[rows], return_inverse=True)[1]
-    motion = estimate_walk(position, nodes.frame, chain, population)
+    motion = estimate_walk(position, frame, chain, population)
     population = population._replace(motion=motion)
     for _ in range(SWEEPS):
-        habits = estimate_habits(nodes.frame, chain, len(population.time))
-        new = sweep(nodes, chain, habits, population)
+        habits = estimate_habits(frame, chain, len(population.time))
+        new = sweep(frame, seen, chain, habits, population)
         pairs = len(np.unique(np.stack([chain, new]), axis=1).T)
         same = pairs == chain.max() + 1 == new.max() + 1
         chain = new
@@ -122,13 +106,13 @@ def identify(
     return names
 
 
-def nodes_of(
+def seen_positions(
     trails: Trails,
     rows: Int[np.ndarray, " n"],
     error: Float[np.ndarray, "node 2 2"],
     info: Information,
-    looks: Looks | None,
-) -> Nodes:
+    looks: Looks,
+) -> SeenPositions:
     """The boxes of each row, or the smoothed state in a gap, widened by the error."""
     group = trails.group[rows]
     is_detected = group >= 0
@@ -140,11 +124,9 @@ def nodes_of(
     wider = np.eye(3) + small @ np.pad(error[rows], ((0, 0), (0, 1), (0, 1)))
     matrix = np.linalg.solve(wider, small)
     vector = np.linalg.solve(wider, small_vector[..., None])[..., 0]
-    look, boxes = np.zeros((len(rows), 0)), np.zeros(len(rows), int)
-    if looks is not None:
-        look, boxes = looks.total[group], looks.count[group]
-        look[~is_detected], boxes[~is_detected] = 0, 0
-    return Nodes(trails.frame[rows], SeenPositions(matrix, vector, look, boxes))
+    look, boxes = looks.total[group], looks.count[group]
+    look[~is_detected], boxes[~is_detected] = 0, 0
+    return SeenPositions(matrix, vector, look, boxes)
 
 
 def estimate_habits(
@@ -254,7 +236,7 @@ class Futures(NamedTuple):
 
 
 def futures_of(
-    at: list[np.ndarray], nodes: Nodes, chain: np.ndarray, steps: list[tuple]
+    at: list[np.ndarray], seen: SeenPositions, chain: np.ndarray, steps: list[tuple]
 ) -> list[Futures]:
     """Compute the information on each chain's state at each frame from that and later frames."""
     place = np.full(chain.max(initial=-1) + 1, -1)
@@ -275,12 +257,12 @@ def futures_of(
         old = place[chain[rows]]
         hit, fresh = rows[old >= 0], rows[old < 0]
         old = old[old >= 0]
-        matrix[old, :3, :3] += nodes.seen.matrix[hit]
-        vector[old, :3] += nodes.seen.vector[hit]
+        matrix[old, :3, :3] += seen.matrix[hit]
+        vector[old, :3] += seen.vector[hit]
         wait[old] = 0
         # Nothing is known of the velocity.
-        new_matrix = np.pad(nodes.seen.matrix[fresh], ((0, 0), (0, 2), (0, 2)))
-        new_vector = np.pad(nodes.seen.vector[fresh], ((0, 0), (0, 2)))
+        new_matrix = np.pad(seen.matrix[fresh], ((0, 0), (0, 2), (0, 2)))
+        new_vector = np.pad(seen.vector[fresh], ((0, 0), (0, 2)))
         future = Futures(
             np.concatenate([name, chain[fresh]]),
             np.concatenate([matrix, new_matrix]),
@@ -302,12 +284,17 @@ def _of_known_and_any_height(
 
 
 def sweep(
-    nodes: Nodes, chain: Int[np.ndarray, " n"], habits: AbsenceHabits, population: Population
+    frame: Int[np.ndarray, " n"],
+    seen: SeenPositions,
+    chain: Int[np.ndarray, " n"],
+    habits: AbsenceHabits,
+    population: Population,
 ) -> Int[np.ndarray, " n"]:
     """Match pasts and futures once at every frame, in order of time.
 
     Args:
-        nodes: the positions.
+        frame: (N,) sorted frame indices.
+        seen: (N) the positions.
         chain: (N,) identities from 0, none twice in a frame.
         habits: rates of leaving and hiding.
         population: what is the same for all chains.
@@ -315,14 +302,14 @@ def sweep(
     Returns:
         (N,) new identities from 0 in the order of their first positions.
     """
-    bounds = np.searchsorted(nodes.frame, np.arange(len(population.time) + 1))
+    bounds = np.searchsorted(frame, np.arange(len(population.time) + 1))
     at = [np.arange(a, b) for a, b in pairwise(bounds)]
     kinds = {dt: transition(population.motion, dt) for dt in set(np.diff(population.time).tolist())}
     steps = [kinds[dt] for dt in np.diff(population.time).tolist()]
-    futures = futures_of(at, nodes, chain, steps)
-    pasts = no_pasts(nodes.seen.look.shape[1])
+    futures = futures_of(at, seen, chain, steps)
+    pasts = no_pasts(seen.look.shape[1])
     chains = int(chain.max()) + 1
-    ahead = ChainBoxes.of(nodes.seen, chain, chains)
+    ahead = ChainBoxes.of(seen, chain, chains)
     names, count = np.zeros(len(chain), int), 0
     place = np.full(chains, -1)
     for t, future in enumerate(futures):
@@ -337,10 +324,10 @@ def sweep(
         names[rows[~new]] = pasts.name[linked[~new]]
         names[rows[new]] = begun = count + np.arange(new.sum())
         count += len(begun)
-        seen = nodes.at(rows)
-        pasts = extend(pasts, linked, begun, seen, population.spread, population.motion.speed)
+        now = seen.at(rows)
+        pasts = extend(pasts, linked, begun, now, population.spread, population.motion.speed)
         pasts = pasts.seen_within(HORIZON - 1)  # others can no longer be continued
-        ahead.subtract(seen, chain[rows])
+        ahead.subtract(now, chain[rows])
     return names
 
 
@@ -364,8 +351,6 @@ def match_chains(
         (K,) row of the past that each continues, or -1.
     """
     _, matrix, vector, wait = future
-    if len(matrix) == 0 or len(pasts.name) == 0:
-        return np.full(len(matrix), -1)
     density, spread, speed = population.density, population.spread, population.motion.speed
     # Of the prior of a new person, and of leaving and coming instead of staying.
     constant = np.log(2 * np.pi * density) - np.log(spread * speed**2)
@@ -389,9 +374,8 @@ def match_chains(
     same += np.log([[1 - misled], [misled]])
     gain = np.zeros(hope.shape)
     gain[i, j] = np.logaddexp(*same) - value[j] - surprise[i, j]
-    if population.looks is not None:
-        # A whole future counts like one usual position of it: its errors are common.
-        each = ahead.boxes / np.maximum(ahead.sightings, 1)
-        ratio = population.looks.compare(pasts.look, pasts.boxes, ahead.look, ahead.boxes, each)
-        gain[i, j] += ratio[i, j]
+    # A whole future counts like one usual position of it: its errors are common.
+    each = ahead.boxes / np.maximum(ahead.sightings, 1)
+    ratio = population.looks.compare(pasts.look, pasts.boxes, ahead.look, ahead.boxes, each)
+    gain[i, j] += ratio[i, j]
     return assign(gain)

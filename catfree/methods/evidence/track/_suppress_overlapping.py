@@ -6,7 +6,7 @@ confirms itself in the next pass.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.methods.paper._select import suppress_by_frame
@@ -33,30 +33,18 @@ def suppress_overlapping_tracks(
         (M,) whether the row is kept; false where `present` is false.
     """
     total = np.bincount(trails.track, np.where(present, evidence, 0.0)).astype(float)
-    is_detected = trails.group >= 0
-    return one_per_place(
-        trails.frame,
-        trails.mean,
-        trails.covariance,
-        is_detected,
-        total[trails.track],
-        present,
-        radius,
-    )
+    return one_per_place(trails, total[trails.track], present, radius)
 
 
 def one_per_place(
-    frame: Int[np.ndarray, " row"],
-    mean: Float[np.ndarray, "row state"],
-    covariance: Float[np.ndarray, "row state state"],
-    is_detected: Bool[np.ndarray, " row"],
-    support: Float[np.ndarray, " row"],
-    present: Bool[np.ndarray, " row"],
+    trails: Trails,
+    support: Float[np.ndarray, " node"],
+    present: Bool[np.ndarray, " node"],
     radius: float,
-) -> Bool[np.ndarray, " row"]:
+) -> Bool[np.ndarray, " node"]:
     """Do what `suppress_overlapping_tracks` does, given the total evidence of each row's track."""
     if radius <= 0 or not present.any():
         return present
-    vagueness = np.trace(covariance[:, :2, :2], axis1=1, axis2=2)
-    priority = np.column_stack([is_detected, support, -vagueness])
-    return suppress_by_frame(frame, mean[:, :2], priority, present, radius)
+    vagueness = np.trace(trails.covariance[:, :2, :2], axis1=1, axis2=2)
+    priority = np.column_stack([trails.group >= 0, support, -vagueness])
+    return suppress_by_frame(trails.frame, trails.mean[:, :2], priority, present, radius)

@@ -223,7 +223,7 @@ class Population(NamedTuple):
         density: people per H0².
         spread: of heights in H0.
         settings: constants.
-        looks: appearance of the groups, which compares embeddings, or None.
+        looks: appearance of the groups, which compares embeddings.
     """
 
     time: Float[np.ndarray, " frame"]
@@ -231,7 +231,7 @@ class Population(NamedTuple):
     density: float
     spread: float
     settings: EvidenceSettings
-    looks: Looks | None = None
+    looks: Looks
 
 
 def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trails:
@@ -245,10 +245,10 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
     Returns:
         All tracks, including gaps but not beyond their first and last group.
     """
-    time, looks = population.time, population.looks
+    time = population.time
     likely = np.flatnonzero(log_odds > -population.settings.evidence_limit / 2)
     bounds = np.searchsorted(groups.frame[likely], np.arange(len(time) + 1))
-    heads = no_pasts(0 if looks is None else looks.total.shape[1])
+    heads = no_pasts(population.looks.total.shape[1])
     history, count = [], 0
     for t in range(len(time)):
         rows = likely[bounds[t] : bounds[t + 1]]
@@ -274,6 +274,12 @@ class Node(NamedTuple):
     mean: Float[np.ndarray, "track 5"]
     covariance: Float[np.ndarray, "track 5 5"]
 
+    @property
+    def trails(self) -> Trails:
+        """The tracks as rows of the first frame."""
+        frame = np.zeros(len(self.track), np.int64)
+        return Trails(self.track, frame, self.group, self.mean, self.covariance)
+
 
 def link(
     before: Pasts,
@@ -296,11 +302,9 @@ def link(
     """
     settings, looks = population.settings, population.looks
     gain = _link_gain(before, info, population) - settings.gap_penalty * before.gap[:, None]
-    look, boxes = np.zeros((len(group), before.look.shape[1])), np.zeros(len(group), int)
-    if looks is not None:
-        look, boxes = looks.total[group], looks.count[group]
-        # Each box of a group counts like a new box of it.
-        gain = gain + looks.compare(before.look, before.boxes, look, boxes, boxes)
+    look, boxes = looks.total[group], looks.count[group]
+    # Each box of a group counts like a new box of it.
+    gain = gain + looks.compare(before.look, before.boxes, look, boxes, boxes)
     past = assign(gain)
     is_new = past < 0
     begun = count + np.arange(is_new.sum())

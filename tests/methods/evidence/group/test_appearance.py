@@ -15,6 +15,7 @@ from catfree.methods.evidence.group._appearance import (
     PairRatios,
     appearance_log_odds,
     looks_of,
+    no_looks,
 )
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._embeddings import embeddings_of
@@ -129,14 +130,14 @@ def test_looks_tell_who_is_who_after_a_meeting(turn_back):
     assert (track == track[0]).all()
     assert track[0, 0] != track[0, 1]
     # Motion alone takes them to have gone on, which is right of those who did.
-    alone = who(places, None)
+    alone = who(places, no_looks(2 * len(places)))
     assert (alone == alone[0]).all() != turn_back
 
 
 def test_without_embeddings_looks_have_no_say():
     places = meeting(turn_back=False)
     blank = Looks(np.zeros((2 * len(places), 4)), np.zeros(2 * len(places), int), LIKENESS)
-    np.testing.assert_array_equal(who(places, blank), who(places, None))
+    np.testing.assert_array_equal(who(places, blank), who(places, no_looks(2 * len(places))))
 
 
 def test_somebody_else_in_the_same_place_is_somebody_new():

@@ -2,6 +2,7 @@
 
 import dataclasses
 from itertools import pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -9,12 +10,11 @@ import scipy.stats
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information
-from catfree.methods.evidence.group._appearance import Likeness, Looks
+from catfree.methods.evidence.group._appearance import Likeness, Looks, no_looks
 from catfree.methods.evidence.track._identify import (
     HORIZON,
     SWEEPS,
     AbsenceHabits,
-    Nodes,
     estimate_habits,
     estimate_walk,
     identify,
@@ -28,11 +28,20 @@ MOTION = Motion(0.2, 0.85, 0.03, 0.005)
 RULES = EvidenceSettings()
 SPREAD, NOISE = 0.06, 0.05
 HABITS = AbsenceHabits(0.02, 0.05, 0.5)
+LARGEST_CROWD = 100  # positions
 
 
 def population(frames, **changes):
     time = np.arange(frames, dtype=float)
-    return Population(time, MOTION, 0.3, SPREAD, RULES)._replace(**changes)
+    known = Population(time, MOTION, 0.3, SPREAD, RULES, no_looks(LARGEST_CROWD))
+    return known._replace(**changes)
+
+
+class Nodes(NamedTuple):
+    """Positions sorted by frame."""
+
+    frame: np.ndarray
+    seen: SeenPositions
 
 
 def nodes_at(frame, state, noise=NOISE):
@@ -106,7 +115,7 @@ def test_a_sweep_never_lowers_the_evidence_of_the_chains(seed):
             order = rng.permutation(3)
             chain = np.where(nodes.frame >= t, order[chain], chain)
     chain = np.unique(chain, return_inverse=True)[1]
-    new = sweep(nodes, chain, HABITS, known)
+    new = sweep(*nodes, chain, HABITS, known)
     before, after = (dense_evidence(nodes, c, known) for c in (chain, new))
     assert after > before - 1e-3
 
@@ -117,7 +126,7 @@ def test_no_identity_occurs_twice_in_a_frame_and_none_is_left_out(seed):
     rng = np.random.default_rng(seed)
     person, nodes = crowd(seed, people=5, room=0.8)
     chain = np.where(rng.random(len(person)) < 0.2, 5 + np.arange(len(person)), person)
-    new = sweep(nodes, np.unique(chain, return_inverse=True)[1], HABITS, population(12))
+    new = sweep(*nodes, np.unique(chain, return_inverse=True)[1], HABITS, population(12))
     assert set(new) == set(range(new.max() + 1))
     pairs = np.column_stack([nodes.frame, new])
     assert len(np.unique(pairs, axis=0)) == len(pairs)
@@ -132,10 +141,10 @@ def test_names_and_the_order_within_a_frame_change_no_identity(seed, random):
     order = list(range(len(person)))
     random.shuffle(order)
     order = np.array(order)[np.argsort(nodes.frame[order], kind="stable")]
-    mixed = Nodes(nodes.frame[order], nodes.at(order))
+    mixed = Nodes(nodes.frame[order], nodes.seen.at(order))
     name = np.random.default_rng(seed).permutation(person.max() + 1)
-    plain = sweep(nodes, person, HABITS, population(12))[order]
-    other = sweep(mixed, name[person[order]], HABITS, population(12))
+    plain = sweep(*nodes, person, HABITS, population(12))[order]
+    other = sweep(*mixed, name[person[order]], HABITS, population(12))
     pairs = len(np.unique(np.stack([plain, other]), axis=1).T)
     assert pairs == len(np.unique(plain)) == len(np.unique(other))
 
@@ -159,7 +168,7 @@ def joined(*paths):
 def settled(nodes, chain, known):
     """After as many sweeps as are made: the futures of the first contain its errors."""
     for _ in range(SWEEPS):
-        chain = sweep(nodes, chain, HABITS, known)
+        chain = sweep(*nodes, chain, HABITS, known)
     return chain
 
 
@@ -168,7 +177,7 @@ def test_two_who_were_exchanged_where_they_crossed_are_told_apart():
         path(range(14), [0, 0], [0.3, 0.0]), path(range(14), [3.9, 0.1], [-0.3, 0.0])
     )
     exchanged = np.where(nodes.frame >= 7, 1 - who, who)
-    np.testing.assert_array_equal(sweep(nodes, exchanged, HABITS, population(14)), who)
+    np.testing.assert_array_equal(sweep(*nodes, exchanged, HABITS, population(14)), who)
 
 
 def test_heights_tell_apart_who_stand_together():
@@ -184,7 +193,7 @@ def test_someone_alone_keeps_one_identity_through_a_gap_that_people_survive(miss
     frames = np.r_[np.arange(10), 10 + missing + np.arange(10)]
     nodes, _ = joined(path(frames, [0, 0], [0.0, 0.0]))
     lost = (frames >= 10).astype(int)
-    new = sweep(nodes, lost, habits, population(20 + missing))
+    new = sweep(*nodes, lost, habits, population(20 + missing))
     assert new.max() == (0 if missing < HORIZON else 1)
 
 

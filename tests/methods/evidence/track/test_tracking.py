@@ -9,6 +9,7 @@ import scipy.stats
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
+from catfree.methods.evidence.group._appearance import no_looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._pasts import corrected_states
 from catfree.methods.evidence.track._tracking import (
@@ -40,7 +41,8 @@ def groups_at(frame, state, deviation):
 
 
 def tracked(groups, time, log_odds=3.0, rules=RULES):
-    people = Population(np.asarray(time, float), MOTION, DENSITY, SPREAD, rules)
+    time, looks = np.asarray(time, float), no_looks(len(groups))
+    people = Population(time, MOTION, DENSITY, SPREAD, rules, looks)
     return follow(groups, np.full(len(groups), log_odds), people)
 
 
