@@ -37,6 +37,6 @@ def main(arguments: list[str] | None = None) -> int:
     except OSError as error:
         return fail(f"{error.filename or 'A file'}: {error.strerror or error}.")
     except KeyboardInterrupt:
-        fail("Interrupted. Run the command again; those with a cache resume from the finished stages.")
+        fail("Interrupted. A command with a cache resumes from the finished stages.")
         return INTERRUPTED
     return code or 0
