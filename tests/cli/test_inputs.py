@@ -150,8 +150,9 @@ def test_results_are_not_written_beside_their_boxes(tmp_path, monkeypatch, capsy
     (tmp_path / "link").symlink_to("boxes")
     for out in ("boxes", str(folder), "link", "boxes/../boxes"):
         for boxes in (["boxes"], ["boxes/a.txt", "boxes/b.txt"]):
-            assert cli.main(["localize", *boxes, "--out", out]) == 1
-            assert f"--out is {out}, the folder of the boxes" in capsys.readouterr().err
+            for command in ("localize", "calibrate"):
+                assert cli.main([command, *boxes, "--out", out]) == 1
+                assert f"--out is {out}, the folder of the boxes" in capsys.readouterr().err
     assert len(list(folder.iterdir())) == 2
     require_other_folder(folder / "results", (folder,))
 
