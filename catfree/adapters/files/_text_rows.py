@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from catfree.adapters.files._documents import StrPath, parse_numbers, read_text
+from catfree.adapters.files._documents import StrPath, naming_file, parse_numbers, read_text
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 
 _SEPARATOR = re.compile(r"\s*,\s*|\s+")
@@ -88,19 +88,21 @@ def read_csv(path: StrPath, meaning: str) -> CsvTable:
 
 @contextlib.contextmanager
 def naming_line(source: StrPath, lines: Sequence[int] | None) -> Iterator[None]:
-    """Prefix errors with the file's name; those that begin with `column[row]` name the line.
+    """Do what `naming_file` does, and name the line in errors that begin with `column[row]`.
 
     Args:
         source: the file.
         lines: (N,) number of the line of each row; None for a file without lines.
     """
-    try:
-        yield
-    except (FileFormatError, InvalidInputError) as error:
-        message, entry = str(error), _ROW.match(str(error))
-        if entry is not None and lines is not None:
-            message = f"{entry[1]} in line {lines[int(entry[2])]}{message[entry.end() :]}"
-        raise type(error)(f"{source}: {message}") from error
+    with naming_file(source):
+        try:
+            yield
+        except (FileFormatError, InvalidInputError) as error:
+            entry = _ROW.match(str(error))
+            if entry is None or lines is None:
+                raise
+            rest = str(error)[entry.end() :]
+            raise type(error)(f"{entry[1]} in line {lines[int(entry[2])]}{rest}") from error
 
 
 def read_rows(
