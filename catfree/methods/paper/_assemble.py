@@ -119,7 +119,7 @@ def summarize(
         tracks: the run's tracks.
         candidates: its candidates.
         detection_count: detections that took part.
-        radius: suppression radius in scene units.
+        radius: within which two positions are one, or a position is right, in scene units.
     """
     accepted = (candidates.fate == Fate.ACCEPTED) | (candidates.fate == Fate.RECOVERED)
     used = np.unique(candidates.support[accepted])
