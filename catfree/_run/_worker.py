@@ -3,8 +3,10 @@
 import contextlib
 import multiprocessing
 import os
+import signal
 import threading
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 # Workers share the processors, so each library uses one thread.
 ONE_THREAD = {
@@ -25,6 +27,9 @@ OF_JAX = ("PJRT_NPROC", "XLA_FLAGS")
 # fast. XLA ends a process that names an option that it does not know, as a later one may not.
 QUICK_COMPILATION = "--xla_cpu_use_fusion_emitters=false"
 LAST_WITH_OPTION = (0, 10)  # of jaxlib
+
+# Set only in worker processes: the queue to which they report.
+given: dict[str, Any] = {}
 
 # Who lends variables at present, and the values before.
 _lending = threading.Lock()
@@ -89,9 +94,12 @@ def inherited(environment: Mapping[str, str]) -> Iterator[None]:
                 _before.clear()
 
 
-def start_worker(environment: Mapping[str, str]) -> None:
-    """Set the environment of this process, and end it when its parent dies."""
+def start_worker(environment: Mapping[str, str], reports: Any = None) -> None:
+    """Set the environment of this process, and end it when its parent dies or at Ctrl-C."""
+    # An exception would print where it was, or be lost in a callback while the work goes on.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.environ.update(environment)
+    given["reports"] = reports
     parent = multiprocessing.parent_process()
     if parent is None:
         return

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
 from catfree._run._cache import StageCache, code_hash
-from catfree._run._worker import inherited, start_worker, worker_environment
+from catfree._run._worker import given, inherited, start_worker, worker_environment
 from catfree.adapters.background._background_detector import (
     BackgroundDetector,
     FittedBackgroundDetector,
@@ -261,7 +261,7 @@ class CameraDetectors:
                 ProcessPoolExecutor(
                     1,
                     mp_context=context,
-                    initializer=_start_worker,
+                    initializer=start_worker,  # in a module that is imported at once
                     initargs=(environment, self._reports),
                 )
                 for _ in range(self._workers)
@@ -297,14 +297,8 @@ class _Answer(NamedTuple):
     error: Exception | None
 
 
-# Set only in worker processes: the queue of reports, the detectors of its cameras, the footage and
-# the work in progress.
-_worker: dict[str, Any] = {}
-
-
-def _start_worker(environment: Mapping[str, str], reports: Any) -> None:
-    start_worker(environment)
-    _worker.update(reports=reports, detectors={})
+# Filled only in worker processes: the detectors of its cameras, the footage and the present work.
+_worker: dict[str, Any] = {"detectors": {}}
 
 
 def _fit_here(
@@ -317,7 +311,7 @@ def _fit_here(
         nonlocal waiting
         waiting += 1
         if waiting == CHUNK:
-            _worker["reports"].put(waiting)
+            given["reports"].put(waiting)
             waiting = 0
 
     try:
@@ -325,7 +319,7 @@ def _fit_here(
     except Exception as error:
         raise _sendable(error) from None
     if waiting:
-        _worker["reports"].put(waiting)
+        given["reports"].put(waiting)
     _worker["detectors"][camera] = fitted
     if isinstance(fitted, FittedBackgroundDetector):
         return replace(fitted, memory=None)

@@ -254,6 +254,14 @@ def test_a_worker_that_dies_loses_no_finished_shard(tmp_path, monkeypatch):
     assert len(table.parts) == 2
 
 
+def test_an_interruption_ends_a_worker_at_once_and_without_a_word(capfd):
+    with module.spawned_workers(1) as pool:
+        assert pool.submit(abs, -1).result() == 1
+        with pytest.raises(BrokenProcessPool):
+            pool.submit(signal.raise_signal, signal.SIGINT).result()
+    assert capfd.readouterr().err == ""
+
+
 SCRIPT = """
 import os
 import numpy  # as most scripts do, before a worker's own code can run
