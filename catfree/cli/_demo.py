@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from catfree._run._result_folder import write_results
 from catfree._run._run import RunOutcome, run_stages
-from catfree.errors import InvalidInputError
+from catfree.errors import CalibrationError, InsufficientDataError, InvalidInputError
 from catfree.evaluation import (
     align_centres,
     crop,
@@ -139,11 +139,18 @@ def run_demo(
         seed, cameras=cameras, people=people, frames=frames, image_size=image_size
     )
     videos = render_videos(world, root / "videos", progress, workers=workers)
-    # From here on, only the video files are used.
-    outcome = run_stages(
-        videos, settings=settings, progress=progress, workers=workers or processor_count()
-    )
-    scores = score(world, outcome)
+    try:
+        # Here only the video files are used.
+        outcome = run_stages(
+            videos, settings=settings, progress=progress, workers=workers or processor_count()
+        )
+        scores = score(world, outcome)
+    except (CalibrationError, InsufficientDataError) as error:
+        width, height = image_size
+        raise type(error)(
+            f"{error} This demo has --cameras {cameras}, --people {people}, --frames {frames} and "
+            f"--size {width} {height}: give more of them, or leave them out."
+        ) from error
     truth = truth_in_scene(world, outcome.scene)
     score_blocks: list[Block] = [
         Heading("Score against the truth"),

@@ -6,7 +6,7 @@ import pytest
 from catfree._run._run import RunOutcome
 from catfree.cli import _demo as demo
 from catfree.cli._demo import run_demo, score, score_table, truth_in_scene
-from catfree.errors import InvalidInputError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.methods.paper._assemble import empty_localization
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
@@ -128,6 +128,15 @@ def test_the_pipeline_gets_the_files_and_nothing_else(tmp_path, monkeypatch):
     assert "| MODA (0.5 m) | 100.0 | 100.0 |" in report
     assert "What is easy about this world" in report
     assert "There is no expected MODA below, because the demo" in report
+
+
+def test_a_demo_that_is_too_short_names_its_own_options(tmp_path):
+    size = (64, 36)
+    said = (
+        "Use longer footage, .* This demo has --cameras 3, --people 2, --frames 4 and --size 64 36:"
+    )
+    with pytest.raises(InsufficientDataError, match=said):
+        run_demo(tmp_path, cameras=3, people=2, frames=4, image_size=size, workers=1)
 
 
 def test_too_few_cameras_to_align(tmp_path):
