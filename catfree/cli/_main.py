@@ -3,7 +3,7 @@
 import sys
 
 import catfree
-from catfree.cli._terminal import INTERRUPTED, fail, print_text, require_tyro
+from catfree.cli._terminal import FAILURE, INTERRUPTED, fail, print_text, require_tyro
 from catfree.errors import CatFreeError
 
 
@@ -15,8 +15,8 @@ def main(arguments: list[str] | None = None) -> int:
             prints the version.
 
     Returns:
-        The exit code: 0, or 1 after an error, which is one sentence on standard error. Invalid
-        arguments exit with 2.
+        The exit code: 0, or 1 after an error, which is one sentence on standard error, or none if
+        whoever read the output ended, as `head` does. Invalid arguments exit with 2.
     """
     if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
         print_text(f"catfree {catfree.__version__}")
@@ -34,6 +34,8 @@ def main(arguments: list[str] | None = None) -> int:
         )
     except CatFreeError as error:
         return fail(str(error))
+    except BrokenPipeError:
+        return FAILURE
     except OSError as error:
         return fail(f"{error.filename or 'A file'}: {error.strerror or error}.")
     except KeyboardInterrupt:

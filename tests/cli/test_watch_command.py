@@ -70,6 +70,19 @@ def test_an_interruption_while_positions_are_computed_makes_them_final(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_who_reads_no_further_ends_it_without_a_word(tmp_path, monkeypatch, capsys):
+    write_scene_json(tmp_path / "scene.json", make_world("ring4", frames=2, people=1).scene)
+
+    def closed(text):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr("catfree.cli._watch_command.print_text", closed)
+    monkeypatch.setattr("catfree.methods.online._watch.watch", lambda *_, **__: [{"type": "final"}])
+    words = ["watch", "--scene", str(tmp_path / "scene.json"), "--frame-rate", "5"]
+    assert cli.main(words) == 1
+    assert capsys.readouterr().err == ""
+
+
 def test_a_missing_scene_is_one_sentence(tmp_path, capsys):
     code = cli.main(["watch", "--scene", str(tmp_path / "no.json"), "--frame-rate", "5"])
     assert code == 1
