@@ -345,7 +345,7 @@ class _Judge:
             when = "" if since is None else f"Since about frame {since}. "
             return _Found(verdict, since, None, when + (SILENT if dead else ELSEWHERE))
         if matched.sum() < LEAST_MATCHED * expected.sum():
-            return _Found(Verdict.DOUBTFUL, None, None, UNMATCHED)
+            return _Found(Verdict.DOUBTFUL, None, None, UNMATCHED if boxes.any() else SILENT)
         return None
 
     def _from_errors(

@@ -96,6 +96,15 @@ def test_a_dead_camera_and_a_late_one(world, quiet):
 
 
 @pytest.mark.slow
+def test_a_camera_without_a_single_box_is_told_so(world, quiet):
+    few = quiet[(quiet.camera != 2) & (quiet.frame < FRAMES // 3)]
+    silent = check(world.true_scene, few).cameras[2]
+    assert silent.verdict == Verdict.DOUBTFUL
+    assert silent.matched == 0
+    assert silent.advice.startswith("It gives no boxes of people whom the others see.")
+
+
+@pytest.mark.slow
 def test_errors_before_a_trusted_frame_do_not_count(world, quiet):
     turned = turn_camera(quiet, world.true_rig, 0, np.deg2rad([0, 2.5, 0]), 0)
     assert check(world.true_scene, turned).cameras[0].verdict == Verdict.MOVED
