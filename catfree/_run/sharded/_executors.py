@@ -19,7 +19,7 @@ from catfree._run._worker import (
     worker_environment,
 )
 from catfree._run.sharded._join import join_shards
-from catfree._run.sharded._receipt import recording_folder, remove_beyond
+from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._run_shard import run_shard
 from catfree._run.sharded._shard import Shard, recording_name
 from catfree._run.sharded._stored_tracks import StoredTracks
@@ -109,10 +109,8 @@ def run_shards(
                 if error is not None:
                     failed.setdefault(key, error)
                 elif not waiting[key] and key not in failed:
-                    folder = recording_folder(out, *key)
-                    remove_beyond(folder, shard.count)
                     try:
-                        joined[key] = join_shards(folder)
+                        joined[key] = join_shards(recording_folder(out, *key), recordings[key])
                     except CatFreeError as reason:
                         failed[key] = reason
                 report("shards", done, len(plan))

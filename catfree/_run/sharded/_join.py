@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from catfree._run.sharded._receipt import (
     require_scene_file,
 )
 from catfree._run.sharded._run_shard import PLACES, ShardSummary
+from catfree._run.sharded._shard import Shard
 from catfree._run.sharded._stored_tracks import StoredTracks, open_tracks
 from catfree.adapters.files._documents import (
     StrPath,
@@ -64,7 +66,7 @@ def join(out: StrPath) -> Tracks:
     return join_shards(out).read()
 
 
-def join_shards(out: StrPath) -> StoredTracks:
+def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTracks:
     """Do what `join` does with no more than one shard in memory.
 
     Each person gets one identity: tracks of neighboring shards are matched where the shards
@@ -72,6 +74,8 @@ def join_shards(out: StrPath) -> StoredTracks:
 
     Args:
         out: as `join`.
+        plan: shards of the recording, whose neighbors may have run elsewhere; None for those of
+            the plan in the folder, if there is one.
 
     Returns:
         The joined table.
@@ -80,7 +84,11 @@ def join_shards(out: StrPath) -> StoredTracks:
         CatFreeError: as `join`.
     """
     folder = require_folder(out, "results of shards")
-    _leave_earlier_plan(folder)
+    stored = folder / PLAN
+    if plan is None and stored.is_file():
+        plan = read_plan(stored).shards
+    if plan:
+        _leave_earlier_plan(folder, plan)
     receipts = read_receipts(folder)
     first = receipts[0]
     require_scene_file(folder, first.scene_file)
@@ -112,18 +120,26 @@ def join_shards(out: StrPath) -> StoredTracks:
     return open_tracks(folder)
 
 
-def _leave_earlier_plan(folder: Path) -> None:
-    """Remove the shards of an earlier plan once all those of the plan in the folder are finished.
+def _leave_earlier_plan(folder: Path, plan: Sequence[Shard]) -> None:
+    """Remove the shards of an earlier plan once all those of this plan are finished.
 
-    The plan of `run_shards` has no file; it removes them itself.
+    Raises:
+        FileFormatError: if they are not, or a receipt is damaged.
     """
-    try:
-        plan = read_plan(folder / PLAN).shards
-        receipts = [read_receipt(files_of(folder, shard.index).receipt) for shard in plan]
-    except (InvalidInputError, FileFormatError):  # no plan, or not finished, which is said later
-        return
-    if all(one.shard == shard.fingerprint for one, shard in zip(receipts, plan, strict=True)):
-        remove_beyond(folder, len(plan))
+    receipts = [files_of(folder, shard.index).receipt for shard in plan]
+    finished = {read_receipt(path).shard for path in receipts if path.is_file()}
+    unfinished = [shard.index for shard in plan if shard.fingerprint not in finished]
+    _require_finished(folder, unfinished, plan[0].count)
+    remove_beyond(folder, plan[0].count)
+
+
+def _require_finished(folder: Path, unfinished: Sequence[int], count: int) -> None:
+    if unfinished:
+        listed = ", ".join(map(str, unfinished[:5])) + (", ..." if len(unfinished) > 5 else "")
+        raise FileFormatError(
+            f"{folder}: {len(unfinished)} of {count} shards of the plan are not finished "
+            f"({listed}). Run them with cf.run_shard."
+        )
 
 
 def read_receipts(folder: Path) -> list[Receipt]:
@@ -155,14 +171,8 @@ def read_receipts(folder: Path) -> list[Receipt]:
                     "the same scene and settings, and delete this file if the plan has no such "
                     "shard."
                 )
-    indices = [receipt.index for receipt in receipts]
-    if indices != list(range(first.count)):
-        missing = sorted(set(range(first.count)) - set(indices))
-        listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        raise FileFormatError(
-            f"{folder}: {len(missing)} of {first.count} shards are not finished ({listed}). Run "
-            "them with cf.run_shard."
-        )
+    missing = set(range(first.count)) - {receipt.index for receipt in receipts}
+    _require_finished(folder, sorted(missing), first.count)
     for one, two in itertools.pairwise(receipts):
         if one.stop != two.first:
             raise FileFormatError(

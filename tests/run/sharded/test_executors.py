@@ -127,6 +127,15 @@ def test_a_plan_of_fewer_shards_replaces_an_earlier_one(cheap, tmp_path):
         assert {path.stem for path in folder.glob("part-*")} == {"part-00000", "part-00001"}
 
 
+def test_a_part_of_a_plan_leaves_the_rest_of_it_alone(cheap, tmp_path):
+    options = {"scene": SCENE, "out": tmp_path, "executor": AtOnce()}
+    with pytest.raises(ShardError, match=r"1 of 2 shards of the plan are not finished \(1\)"):
+        cf.run_shards(cheap[:1], **options)
+    (table,) = cf.run_shards(cheap[1:], **options)
+    (again,) = cf.run_shards(cheap[:1], **options)
+    assert len(table.parts) == len(again.parts) == 2
+
+
 @pytest.mark.slow
 def test_a_plan_that_fails_leaves_an_earlier_one_alone(cheap, tmp_path, monkeypatch):
     options = {"scene": SCENE, "out": tmp_path, "executor": AtOnce()}

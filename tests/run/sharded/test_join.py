@@ -223,7 +223,7 @@ def flip(path, at=0.5):
 
 
 DAMAGES = {
-    "missing": (lambda f: f.receipt.unlink(), r"1 of 4 shards are not finished \(2\)"),
+    "missing": (lambda f: f.receipt.unlink(), r"1 of 4 shards of the plan are not finished \(2\)"),
     "version": (lambda f: edit(f.receipt, schema="catfree shards 9"), "another version"),
     "cut receipt": (lambda f: f.receipt.write_text(f.receipt.read_text()[:100]), "part-00002.json"),
     "odd receipt": (lambda f: edit(f.receipt, first="x"), "part-00002.json"),
@@ -257,13 +257,23 @@ def test_a_plan_in_a_file_replaces_an_earlier_one_once_it_is_finished(tmp_path):
     plan = plan_of(100, 50, 10)
     write_plan(tmp_path / PLAN, PlanFile(tuple(plan), "scene.json", str(tmp_path)))
     write(tmp_path, plan[0], tracks_of(np.zeros((0, 4))))
-    with pytest.raises(FileFormatError, match="shard 1 was made with another plan than shard 0"):
+    with pytest.raises(FileFormatError, match=r"1 of 2 shards of the plan are not finished \(1\)"):
         join_shards(tmp_path)
     assert len(list((tmp_path / "_shards").glob("part-*.json"))) == 4
     write(tmp_path, plan[1], tracks_of(np.zeros((0, 4))))
     assert len(join_shards(tmp_path).parts) == 2
     for folder in (tmp_path, tmp_path / "_shards"):
         assert {path.stem for path in folder.glob("part-*")} == {"part-00000", "part-00001"}
+
+
+def test_what_an_earlier_plan_found_is_not_joined_for_a_new_one(copy):
+    before = table_bytes(copy)
+    plan = tuple(plan_of(200, 50, 12))  # as many shards, with more overlap
+    write_plan(copy / PLAN, PlanFile(plan, "scene.json", str(copy)))
+    with pytest.raises(FileFormatError, match=r"4 of 4 shards of the plan are not finished \(0, 1"):
+        join_shards(copy)
+    assert table_bytes(copy) == before
+    assert cf.open_tracks(copy).parts
 
 
 def test_a_scene_of_another_run_is_refused(copy):
