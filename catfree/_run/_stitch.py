@@ -10,9 +10,8 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from catfree.types import Detections, Localization, Tracks
 from catfree.types._sampling import expand_ranges
@@ -260,23 +259,13 @@ def best_assignment(
     Returns:
         The two indices of each chosen pair, in order of the first.
     """
-    graph = coo_array((np.ones(len(one)), (one, count + two)), shape=(2 * count, 2 * count))
-    _, component = connected_components(graph, directed=False)
-    order = np.argsort(component[one], kind="stable")
-    cuts = np.flatnonzero(np.diff(component[one[order]])) + 1
-    before, after = [], []
-    for rows in np.split(order, cuts):
-        left, i = np.unique(one[rows], return_inverse=True)
-        right, j = np.unique(two[rows], return_inverse=True)
-        table = np.zeros((len(left), len(right)))
-        table[i, j] = gain[rows]
-        a, b = linear_sum_assignment(-table)
-        chosen = table[a, b] > 0
-        before.append(left[a[chosen]])
-        after.append(right[b[chosen]])
-    first, second = np.concatenate(before), np.concatenate(after)
-    by_first = np.argsort(first)
-    return first[by_first], second[by_first]
+    # Each index may stay alone instead. One more for every edge changes no choice.
+    alone = np.arange(count)
+    ends = (np.concatenate([one, alone]), np.concatenate([two, count + alone]))
+    edges = coo_array((np.concatenate([1 + gain, np.ones(count)]), ends), shape=(count, 2 * count))
+    before, after = min_weight_full_bipartite_matching(edges, maximize=True)
+    paired = after < count
+    return before[paired], after[paired]
 
 
 def join_fragments(tracks: Tracks, fragments: Fragments, follower: Int[np.ndarray, " k"]) -> Tracks:
