@@ -98,15 +98,11 @@ def _merge(table: Fragments, person: Int[np.ndarray, " k"]) -> Fragments:
 
 
 def _concatenate(fragments: Sequence[Fragments]) -> Fragments:
-    """The fragments of all shards in one table, without halves."""
+    """The fragments of all shards in one table."""
     width = max(part.looks.shape[1] for part in fragments)
     # Without any box, a shard does not know how long an embedding is.
     parts = [
-        replace(
-            part,
-            looks=part.looks if part.looks.shape[1] == width else np.zeros((len(part), width)),
-            halves=None,
-        )
+        part if part.looks.shape[1] == width else replace(part, looks=np.zeros((len(part), width)))
         for part in fragments
     ]
     return jax.tree.map(lambda *columns: np.concatenate(columns), *parts)
