@@ -148,17 +148,14 @@ def run_sites(
         require_folder_name(name[1], "date")
     if not sites:
         raise InvalidInputError("There are no sites to run.")
-    given = _one_of_each(sites, "scene", "scenes")
-    anchors = _one_of_each(sites, "anchors", "lists of anchors")
-    units = _one_of_each(sites, "unit", "units")
+    for field, kind in (("scene", "scenes"), ("anchors", "lists of anchors"), ("unit", "units")):
+        sites = _shared(sites, field, kind)
     # Workers may be in another folder.
     sites = [
         dataclasses.replace(
             site,
             recording=_absolute(site.recording),
-            scene=given.get(site.name),
-            unit=units.get(site.name),
-            anchors=_absolute(anchors.get(site.name, ())),
+            anchors=_absolute(site.anchors),
             silent=_absolute(site.silent),
         )
         for site in sites
@@ -207,8 +204,8 @@ def run_sites(
     return finished
 
 
-def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]:
-    """Return the value of a field for each site that has one, the same for all of its dates."""
+def _shared(sites: Sequence[Site], field: str, kind: str) -> list[Site]:
+    """Give all dates of a site the value of a field that some of them have."""
     by_site: dict[str, Any] = {}
     for site in sites:
         value = getattr(site, field)
@@ -221,7 +218,10 @@ def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]
                 f"Site {quoted(site.name)} has two {kind}. Give all its dates the same one, or its "
                 "cameras another name after they were moved."
             )
-    return by_site
+    return [
+        dataclasses.replace(site, **{field: by_site[site.name]}) if site.name in by_site else site
+        for site in sites
+    ]
 
 
 def _absolute(value: Any) -> Any:
@@ -479,13 +479,8 @@ def _footage(
 
 
 def _spread(plan: Sequence[Shard]) -> list[Shard]:
-    """The middle first, then the middles of the halves, and so on."""
-    order: list[int] = []
-    parts = 2
-    while len(order) < min(len(plan), MOST_TRIES):
-        for numerator in range(1, parts, 2):
-            index = numerator * len(plan) // parts
-            if index not in order:
-                order.append(index)
-        parts *= 2
-    return [plan[index] for index in order]
+    """The middle first, then the middles of the halves, then those of the quarters."""
+    indices = [
+        numerator * len(plan) // parts for parts in (2, 4, 8) for numerator in range(1, parts, 2)
+    ]
+    return [plan[index] for index in dict.fromkeys(indices)]
