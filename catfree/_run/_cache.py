@@ -6,12 +6,13 @@ import hashlib
 import os
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.errors import FileFormatError, InvalidInputError, WriteError
 from catfree.types import Localization, Tracks
 from catfree.types._archive import load_arrays, naming_file, optional_arguments, save_arrays
@@ -80,24 +81,37 @@ class StageCache:
                 f"{reason} Stages that are already in the cache will be reused."
             ) from error
 
-    def result(self, stage: str, key: str, kind: type[T], compute: Callable[[], T]) -> T:
-        """Return the result of `compute()`, from the cache if an earlier run stored it.
 
-        Args:
-            stage: the stage's name.
-            key: content key of everything that the result follows from.
-            kind: the dataclass that `compute` returns.
-            compute: called only if there is no stored result.
+def cached(
+    cache: StageCache | None,
+    stage: str,
+    kind: type[T],
+    compute: Callable[[], T],
+    follows_from: Sequence[str],
+    **parameters: object,
+) -> T:
+    """Return the result of `compute()`, from the cache if an earlier run stored it.
 
-        Raises:
-            WriteError: if the result cannot be stored.
-        """
-        stored = self.load(stage, key, kind)
-        if stored is not None:
-            return stored
-        value = compute()
-        self.store(stage, key, value)
-        return value
+    Args:
+        cache: holds the results of finished stages, or None.
+        stage: the stage's name.
+        kind: the dataclass that `compute` returns.
+        compute: called only if there is no stored result.
+        follows_from: content hashes that the result follows from, besides the code.
+        **parameters: that it follows from.
+
+    Raises:
+        WriteError: if the result cannot be stored.
+    """
+    if cache is None:
+        return compute()
+    key = hash_parameters(stage, code_hash(), *follows_from, **parameters)
+    stored = cache.load(stage, key, kind)
+    if stored is not None:
+        return stored
+    value = compute()
+    cache.store(stage, key, value)
+    return value
 
 
 def save_value(path: Path, value: Any) -> Path:

@@ -10,8 +10,9 @@ from jaxtyping import Int
 from catfree._run._report import describe_footage, describe_warnings
 from catfree._run._result_folder import (
     earlier_results,
+    earlier_views,
     numbers_of_files,
-    remove_pictures,
+    remove_unless_written,
     write_boxes,
 )
 from catfree._run._run import Unfinished
@@ -68,7 +69,7 @@ def write_failure(
         write_sheet(sheet, _fullest_instant(videos, detections, blur))
         files.append(sheet)
         shown.append(Picture("pictures/boxes.jpg", "the instant with the most boxes"))
-    remove_pictures(root, files)
+    remove_unless_written(earlier_views(root), files)
     leftover = [
         path.relative_to(root).as_posix() for path in earlier_results(root) if path not in files
     ]

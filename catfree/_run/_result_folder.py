@@ -137,8 +137,8 @@ def write_results(
         files += drawn
         listed = [*files, root / INSTANTS] if instants else files
         files += instants
-        remove_unless_written(earlier, files)
-        remove_pictures(root, files, overlay=not overlay)
+        video = root / OVERLAY_FILE if overlay else None
+        remove_unless_written([*earlier, *earlier_views(root)], [*files, video])
         files += write_report(
             root,
             outcome,
@@ -147,7 +147,7 @@ def write_results(
             drawn,
             player=player,
             covered=covered,
-            video=root / OVERLAY_FILE if overlay else None,
+            video=video,
             extra=extra,
         )
     except OSError as error:
@@ -155,19 +155,7 @@ def write_results(
     return files
 
 
-def remove_pictures(root: Path, written: Sequence[Path] = (), *, overlay: bool = True) -> None:
-    """Remove the pictures of an earlier run from a result folder.
-
-    Args:
-        root: the result folder, which need not exist.
-        written: files of this run, which stay.
-        overlay: remove the overlay video, too.
-    """
-    earlier = [*(root / "pictures" / name for name in PICTURES), *earlier_pictures(root / INSTANTS)]
-    remove_unless_written(earlier + [root / OVERLAY_FILE] * overlay, written)
-
-
-def remove_unless_written(earlier: Sequence[Path], written: Sequence[Path]) -> None:
+def remove_unless_written(earlier: Sequence[Path], written: Sequence[Path | None]) -> None:
     """Remove files of an earlier run, if there are any, that this run has not written."""
     for path in set(earlier) - set(written):
         if path.is_file():
@@ -179,6 +167,12 @@ def earlier_results(root: Path) -> list[Path]:
     names = (TABLE_FILE, MOT_FILE, LOCALIZATION_FILE, SCENE_FILE, *SOMETIMES)
     earlier = [*(root / name for name in names), *_earlier_boxes(root)]
     return [path for path in earlier if path.is_file()]
+
+
+def earlier_views(root: Path) -> list[Path]:
+    """List where an earlier run may have left pictures and the overlay video."""
+    drawn = (root / "pictures" / name for name in PICTURES)
+    return [*drawn, *earlier_pictures(root / INSTANTS), root / OVERLAY_FILE]
 
 
 def _earlier_boxes(root: Path) -> list[Path]:

@@ -3,19 +3,17 @@
 import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Int
 
-from catfree._run._cache import StageCache, code_hash, content_hash
+from catfree._run._cache import StageCache, cached, content_hash
 from catfree._run._input_checks import tiny_boxes
 from catfree._run._stitch import stitch_tracks
 from catfree._run.detection._cached_detection import fingerprint_of
 from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree._run.detection._second_look import expected_people, look_again
 from catfree.adapters.datasets._detection_files import CameraBoxes
-from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (
     Detector,
     Embedder,
@@ -33,8 +31,6 @@ from catfree.methods._localize import localize
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
-
-T = TypeVar("T")
 
 
 def calibrate_cameras(
@@ -98,7 +94,7 @@ def calibrate_cameras(
         return finish_calibration(begun, detections, settings, **options)
 
     def remembered(stage: str, step: Callable[[], Calibration]) -> Calibration:
-        return _cached(
+        return cached(
             cache,
             stage,
             Calibration,
@@ -133,7 +129,7 @@ def reconstruct(
     if cache is not None:
         weights = fingerprint_of(reconstructor, "reconstructor")
         keys = (videos.fingerprint, weights, content_hash(detections))
-    return _cached(
+    return cached(
         cache,
         "scene",
         Scene,
@@ -183,7 +179,7 @@ def detect_again(
         finder = fingerprint_of(cameras.detector, "detector")
         keys = (videos.fingerprint, finder, fingerprint_of(embedder, "embedder"), *keys)
     options = dataclasses.asdict(settings)
-    return _cached(cache, "second-look", Detections, look, keys, settings=options)
+    return cached(cache, "second-look", Detections, look, keys, settings=options)
 
 
 def everywhere(settings: Settings) -> Settings:
@@ -213,7 +209,7 @@ def localize_people(
         cache: holds a finished localization.
         progress: called as `progress(stage, done, total)`.
     """
-    return _cached(
+    return cached(
         cache,
         "localization",
         Localization,
@@ -239,18 +235,3 @@ def _localize(
     if settings.method == "paper":
         return localization
     return stitch_tracks(localization, detections)
-
-
-def _cached(
-    cache: StageCache | None,
-    stage: str,
-    kind: type[T],
-    compute: Callable[[], T],
-    follows_from: tuple[str, ...],
-    **parameters: object,
-) -> T:
-    """Return the result of a stage, from the cache if available."""
-    if cache is None:
-        return compute()
-    key = hash_parameters(stage, code_hash(), *follows_from, **parameters)
-    return cache.result(stage, key, kind, compute)

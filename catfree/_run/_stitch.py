@@ -10,9 +10,8 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from catfree.types import Detections, Localization, Tracks
 from catfree.types._sampling import expand_ranges
@@ -35,7 +34,6 @@ class Fragments(eqx.Module):
         end_sigma: (K,) uncertainty of the last position.
         boxes: (K,) number of boxes with an embedding.
         looks: (K, D) normalized median embedding, zero without any box.
-        halves: (K, 2, D) the same for the earlier and the later half; None once habits are learned.
     """
 
     identity: Int[np.ndarray, " k"]
@@ -47,7 +45,6 @@ class Fragments(eqx.Module):
     end_sigma: Float[np.ndarray, " k"]
     boxes: Int[np.ndarray, " k"]
     looks: Float[np.ndarray, "k d"]
-    halves: Float[np.ndarray, "k 2 d"] | None = None
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -102,8 +99,8 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
     tracks = localization.tracks
     if len(np.unique(tracks.track_id)) < 2:
         return localization
-    fragments = collect_fragments(tracks, detections, localization.identity)
-    follower = link_fragments(fragments, learn_habits(tracks, fragments))
+    fragments, halves = collect_fragments(tracks, detections, localization.identity)
+    follower = link_fragments(fragments, learn_habits(tracks, fragments, halves))
     return eqx.tree_at(
         lambda result: result.tracks, localization, join_fragments(tracks, fragments, follower)
     )
@@ -111,13 +108,16 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
 
 def collect_fragments(
     tracks: Tracks, detections: Detections, shown: Int[np.ndarray, " n"]
-) -> Fragments:
+) -> tuple[Fragments, Float[np.ndarray, "k 2 d"]]:
     """Collect start, end and appearance of each track.
 
     Args:
         tracks: positions sorted by frame.
         detections: person boxes.
         shown: (N,) track id of each box, or -1.
+
+    Returns:
+        The fragments, and (K, 2, D) the looks of their earlier and later halves.
     """
     identity = np.unique(tracks.track_id)
     rows = [np.flatnonzero(tracks.track_id == track) for track in identity]
@@ -135,7 +135,7 @@ def collect_fragments(
         parts = (members[early], members[~early])
         halves.append([_mean_look(embedding[part]) for part in parts])
     first, last = ([member_rows[end] for member_rows in rows] for end in (0, -1))
-    return Fragments(
+    fragments = Fragments(
         identity=identity,
         first=tracks.frame[first],
         last=tracks.frame[last],
@@ -145,21 +145,24 @@ def collect_fragments(
         end_sigma=tracks.sigma[last],
         boxes=np.array(boxes, np.int64),
         looks=np.array(looks, np.float64).reshape(-1, width),
-        halves=np.array(halves, np.float64).reshape(-1, 2, width),
     )
+    return fragments, np.array(halves, np.float64).reshape(-1, 2, width)
 
 
-def learn_habits(tracks: Tracks, fragments: Fragments) -> Habits:
+def learn_habits(
+    tracks: Tracks, fragments: Fragments, halves: Float[np.ndarray, "k 2 d"]
+) -> Habits:
     """Sum up how people of one part of a recording move and look.
 
     Args:
         tracks: the positions of that part.
         fragments: the fragments that they consist of.
+        halves: (K, 2, D) the looks of their earlier and later halves.
     """
     square, pairs = squared_displacement(tracks)
     any_row = len(tracks) > 0
     frames = int(tracks.frame.max() - tracks.frame.min()) + 1 if any_row else 0
-    alike, unlike = _look_distances(fragments)
+    alike, unlike = _look_distances(fragments, halves)
     return Habits(
         square=square,
         pairs=pairs,
@@ -260,23 +263,13 @@ def best_assignment(
     Returns:
         The two indices of each chosen pair, in order of the first.
     """
-    graph = coo_array((np.ones(len(one)), (one, count + two)), shape=(2 * count, 2 * count))
-    _, component = connected_components(graph, directed=False)
-    order = np.argsort(component[one], kind="stable")
-    cuts = np.flatnonzero(np.diff(component[one[order]])) + 1
-    before, after = [], []
-    for rows in np.split(order, cuts):
-        left, i = np.unique(one[rows], return_inverse=True)
-        right, j = np.unique(two[rows], return_inverse=True)
-        table = np.zeros((len(left), len(right)))
-        table[i, j] = gain[rows]
-        a, b = linear_sum_assignment(-table)
-        chosen = table[a, b] > 0
-        before.append(left[a[chosen]])
-        after.append(right[b[chosen]])
-    first, second = np.concatenate(before), np.concatenate(after)
-    by_first = np.argsort(first)
-    return first[by_first], second[by_first]
+    # Each index may stay alone instead. One more for every edge changes no choice.
+    alone = np.arange(count)
+    ends = (np.concatenate([one, alone]), np.concatenate([two, count + alone]))
+    edges = coo_array((np.concatenate([1 + gain, np.ones(count)]), ends), shape=(count, 2 * count))
+    before, after = min_weight_full_bipartite_matching(edges, maximize=True)
+    paired = after < count
+    return before[paired], after[paired]
 
 
 def join_fragments(tracks: Tracks, fragments: Fragments, follower: Int[np.ndarray, " k"]) -> Tracks:
@@ -419,11 +412,12 @@ def _look_odds(
     return np.where(known, np.clip(odds, -EVIDENCE_LIMIT, EVIDENCE_LIMIT), 0.0)
 
 
-def _look_distances(fragments: Fragments) -> tuple[np.ndarray, np.ndarray]:
+def _look_distances(
+    fragments: Fragments, halves: Float[np.ndarray, "k 2 d"]
+) -> tuple[np.ndarray, np.ndarray]:
     """Log distances between the halves of a fragment, and between fragments at the same time."""
-    assert fragments.halves is not None
-    halved = ((fragments.halves**2).sum(-1) > 0).all(-1)
-    alike = (fragments.halves[halved, 0] * fragments.halves[halved, 1]).sum(-1)
+    halved = ((halves**2).sum(-1) > 0).all(-1)
+    alike = (halves[halved, 0] * halves[halved, 1]).sum(-1)
     known = np.flatnonzero(fragments.boxes > 0)
     looks, first, last = fragments.looks[known], fragments.first[known], fragments.last[known]
     together = (first[:, None] <= last[None, :]) & (first[None, :] <= last[:, None])

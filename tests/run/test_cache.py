@@ -16,6 +16,7 @@ from hypothesis import given, settings, strategies as st
 
 from catfree._run._cache import (
     StageCache,
+    cached,
     code_hash,
     content_hash,
     from_arrays,
@@ -111,9 +112,10 @@ def test_a_stored_result_is_not_computed_again(tmp_path):
         calls.append(1)
         return Inner(np.arange(3.0))
 
-    first = StageCache(tmp_path).result("stage", "a", Inner, compute)
-    second = StageCache(tmp_path).result("stage", "a", Inner, compute)
-    other = StageCache(tmp_path).result("stage", "b", Inner, compute)
+    first, second, other = (
+        cached(StageCache(tmp_path), "stage", Inner, compute, [content])
+        for content in ("a", "a", "b")
+    )
     assert len(calls) == 2
     for value in (second, other):
         np.testing.assert_array_equal(value.values, first.values)
@@ -122,15 +124,21 @@ def test_a_stored_result_is_not_computed_again(tmp_path):
 @given(st.data())
 @settings(max_examples=20)
 def test_a_damaged_file_counts_as_absent(tmp_path_factory, data):
-    cache = StageCache(tmp_path_factory.mktemp("cache"))
-    cache.store("stage", "a", Inner(np.arange(50.0), "note"))
-    path = cache.path("stage", "a")
+    cache, calls = StageCache(tmp_path_factory.mktemp("cache")), []
+
+    def compute():
+        calls.append(1)
+        return Inner(np.arange(50.0), "note")
+
+    cached(cache, "stage", Inner, compute, ["a"])
+    (path,) = cache.folder.iterdir()
     content = path.read_bytes()
     cut = data.draw(st.integers(0, len(content) - 1))
     path.write_bytes(content[:cut])
-    assert cache.load("stage", "a", Inner) is None
-    cache.result("stage", "a", Inner, lambda: Inner(np.zeros(1)))
-    assert cache.load("stage", "a", Inner) is not None
+    for _ in range(2):
+        cached(cache, "stage", Inner, compute, ["a"])
+    assert len(calls) == 2
+    assert path.read_bytes() == content
 
 
 def test_leftovers_of_killed_runs_are_swept_and_living_ones_kept(tmp_path):

@@ -201,8 +201,8 @@ def test_squared_displacement_of_a_straight_walk(speed):
         origin=np.zeros(30, int),
     )
     nobody = Detections([], [], np.zeros((0, 4)))
-    fragments = collect_fragments(tracks, nobody, np.zeros(0, int))
-    spread = displacement_variance(learn_habits(tracks, fragments))
+    habits = learn_habits(tracks, *collect_fragments(tracks, nobody, np.zeros(0, int)))
+    spread = displacement_variance(habits)
     lag = np.arange(1, len(spread))
     expected = np.maximum((speed * lag) ** 2 / 2, 1e-4)
     np.testing.assert_allclose(spread[1:], expected, rtol=1e-6)
@@ -254,8 +254,8 @@ def test_best_assignment_is_that_of_the_whole_table(pairs_of_indices, seed):
 def test_habits_of_one_part_are_its_own_and_those_of_more_lie_between():
     localization, detections, _ = sequence(9, {1: (20, 24)})
     tracks = localization.tracks
-    fragments = collect_fragments(tracks, detections, localization.identity)
-    whole = learn_habits(tracks, fragments)
+    fragments, halves = collect_fragments(tracks, detections, localization.identity)
+    whole = learn_habits(tracks, fragments, halves)
     twice = add_habits([whole, whole])
     np.testing.assert_allclose(displacement_variance(twice), displacement_variance(whole))
     np.testing.assert_array_equal(

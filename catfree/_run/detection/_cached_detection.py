@@ -12,7 +12,6 @@ from catfree._run._cache import StageCache, code_hash
 from catfree._run.detection._camera_detectors import CameraDetectors, Instant
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (
-    BatchDetector,
     Detector,
     Embedder,
     FittedToCamera,
@@ -65,12 +64,10 @@ class _Detection:
     """Boxes and appearance of the people in the pictures of an instant.
 
     Attributes:
-        shared: the common detector that processes all pictures at once, or None.
         describe: computes the embeddings, or None.
         known: boxes that were found before, by frame.
     """
 
-    shared: BatchDetector | None
     describe: Describer | None
     known: Mapping[int, Detections]
 
@@ -81,7 +78,7 @@ class _Detection:
         if frame in self.known:
             people = {camera: _stored(self.known[frame], frame, camera) for camera in pictures}
         else:
-            people = detect_instant(pictures, detectors, self.shared, frame)
+            people = detect_instant(pictures, detectors, frame)
         return describe_instant(pictures, people, self.describe, frame)
 
 
@@ -117,7 +114,6 @@ def detect_with_cache(
         WriteError: if a finished piece cannot be stored.
     """
     pieces = _pieces(videos, cameras.detector, embedder, cache)
-    shared = cameras.detector if isinstance(cameras.detector, BatchDetector) else None
     describe = None if embedder is None else Describer(embedder)
     if all(piece.complete for piece in pieces):
         cameras.progress("detect", videos.frame_count, videos.frame_count)
@@ -131,7 +127,7 @@ def detect_with_cache(
             for frame in videos.frames[piece.first : piece.first + piece.count]
             if piece.boxes is not None
         }
-        work = _Detection(shared, describe, known)
+        work = _Detection(describe, known)
         unknown = any(piece.boxes is None for piece in stretch)
         instants = cameras.instants(videos, work, stretch[0].first, stage="detect", detect=unknown)
         for piece in stretch:

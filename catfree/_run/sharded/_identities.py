@@ -53,20 +53,14 @@ def identify_recording(
     shard = np.repeat(np.arange(len(fragments)), count)
     table = _concatenate(fragments)
     begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    one, two = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for index, pair in enumerate(matched):
-        rows = []
-        for at, names in enumerate(pair):
-            identity = fragments[index + at].identity
-            row = np.searchsorted(identity, names)
-            is_known = row < len(identity)
-            is_known[is_known] = identity[row[is_known]] == names[is_known]
-            rows.append(np.where(is_known, begin[index + at] + row, -1))
+    paired = [np.zeros((2, 0), np.int64)]
+    for index, pairs in enumerate(matched):
+        known = [fragments[index + at].identity for at in (0, 1)]
         # A track that only the overlap has is not reported by its shard.
-        is_paired = (rows[0] >= 0) & (rows[1] >= 0)
-        one.append(rows[0][is_paired])
-        two.append(rows[1][is_paired])
-    before, after = np.concatenate(one), np.concatenate(two)
+        both = np.isin(pairs[0], known[0]) & np.isin(pairs[1], known[1])
+        rows = [np.searchsorted(known[at], pairs[at][both]) for at in (0, 1)]
+        paired.append(begin[[index, index + 1], None] + np.array(rows))
+    before, after = np.concatenate(paired, axis=1)
     links = coo_array((np.ones(len(before)), (before, after)), shape=(len(table), len(table)))
     _, person = connected_components(links, directed=False)
     people = _merge(table, person)
@@ -104,15 +98,11 @@ def _merge(table: Fragments, person: Int[np.ndarray, " k"]) -> Fragments:
 
 
 def _concatenate(fragments: Sequence[Fragments]) -> Fragments:
-    """The fragments of all shards in one table, without halves."""
+    """The fragments of all shards in one table."""
     width = max(part.looks.shape[1] for part in fragments)
     # Without any box, a shard does not know how long an embedding is.
     parts = [
-        replace(
-            part,
-            looks=part.looks if part.looks.shape[1] == width else np.zeros((len(part), width)),
-            halves=None,
-        )
+        part if part.looks.shape[1] == width else replace(part, looks=np.zeros((len(part), width)))
         for part in fragments
     ]
     return jax.tree.map(lambda *columns: np.concatenate(columns), *parts)

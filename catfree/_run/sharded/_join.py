@@ -1,9 +1,9 @@
 """`join`: one table of the whole recording from the tables of its shards."""
 
-import dataclasses
+import functools
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,10 +39,12 @@ from catfree.adapters.files._documents import (
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._parquet import open_dataset, read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.methods.evidence.report._working_area import UsualPlace, usual_place
-from catfree.settings import EvidenceSettings
+from catfree.methods.evidence.report._working_area import usual_place
 from catfree.types import Tracks
 from catfree.types.results import symmetric
+
+# From the columns `PLACES` to whether each position is in the working area.
+Area = Callable[[Float[np.ndarray, " m"], Float[np.ndarray, " m"]], Bool[np.ndarray, " m"]]
 
 INSTANTS = 20_000  # at most so many teach the working area: an hour at five per second
 
@@ -219,32 +221,6 @@ def _columns(
     return {name: table[name].to_numpy() for name in names}
 
 
-@dataclasses.dataclass(frozen=True)
-class Area:
-    """The working area of a recording, relative to all its places.
-
-    Attributes:
-        usual: how well people are seen in the places where they go, in scene units.
-        cameras: number of cameras that have any boxes.
-        settings: constants.
-    """
-
-    usual: UsualPlace
-    cameras: int
-    settings: EvidenceSettings
-
-    def holds(
-        self, sigma: Float[np.ndarray, " m"], whole: Float[np.ndarray, " m"]
-    ) -> Bool[np.ndarray, " m"]:
-        """Mark the positions in the area, (M,); those without a known sigma count as inside."""
-        has_sigma = ~np.isnan(sigma)
-        inside = np.ones(len(sigma), bool)
-        inside[has_sigma] = self.usual.holds(
-            sigma[has_sigma], whole[has_sigma].astype(np.int64), self.cameras, self.settings
-        )
-        return inside
-
-
 def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
     """Learn the working area from the places where people are at instants all over the recording.
 
@@ -271,7 +247,8 @@ def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
         return None
     xy, sigma, whole = place[:, :2] / height, place[:, 2], place[:, 3].astype(np.int64)
     cameras = {camera for receipt in receipts for camera in receipt.cameras}
-    return Area(usual_place(xy, sigma, whole, settings), len(cameras), settings)
+    usual = usual_place(xy, sigma, whole, settings)
+    return functools.partial(usual.holds, cameras=len(cameras), settings=settings)
 
 
 def _write_joined(
@@ -292,7 +269,8 @@ def _write_joined(
     frame, local = (table[name].to_numpy() for name in ("frame", "track_id"))
     reported = (frame >= receipt.first) & (frame < receipt.stop)
     if area is not None:
-        reported &= area.holds(*(table[name].to_numpy() for name in PLACES))
+        sigma, whole = (table[name].to_numpy() for name in PLACES)
+        reported &= np.isnan(sigma) | area(sigma, whole)
     tracked = np.flatnonzero(reported & (local >= 0))
     identity = np.full(len(local), -1)
     identity[tracked], stop = identities.of(receipt.index, local[tracked])

@@ -137,9 +137,19 @@ def require_intact(files: ShardFiles, receipt: Receipt) -> None:
         FileFormatError: naming the file.
     """
     for path, expected in ((files.part, receipt.part), (files.fragments, receipt.fragments)):
-        if not path.is_file() or hash_file(path) != expected:
-            what = "was changed or cut" if path.is_file() else "is missing"
-            raise FileFormatError(f"{path} {what}. Run shard {receipt.index} again.")
+        require_hash(path, expected, f"Run shard {receipt.index} again.")
+
+
+def require_hash(path: Path, sha256: str, advice: str) -> None:
+    """Raise unless a file is there as it was written.
+
+    Raises:
+        FileFormatError: naming the file, with the advice.
+    """
+    if not path.is_file():
+        raise FileFormatError(f"{path} is missing. {advice}")
+    if hash_file(path) != sha256:
+        raise FileFormatError(f"{path} was changed or cut. {advice}")
 
 
 def require_scene_file(folder: Path, sha256: Any) -> Path:

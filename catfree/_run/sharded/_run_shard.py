@@ -58,7 +58,7 @@ class ShardSummary:
     """What joining needs to know of a shard's tracks besides their positions.
 
     Attributes:
-        fragments: the tracks within the frames that the shard reports, without halves.
+        fragments: the tracks within the frames that the shard reports.
         habits: what they teach about motion and appearance.
     """
 
@@ -169,11 +169,9 @@ def write_shard(
     reported = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
     is_reported = (detections.frame >= shard.first) & (detections.frame < shard.stop)
     shown = np.where(is_reported, localization.identity, -1)
-    fragments = collect_fragments(reported, detections, shown)
-    habits = learn_habits(reported, fragments)
-    # What nobody reads any more is not kept: appearance recognizes people.
-    summary = ShardSummary(dataclasses.replace(fragments, halves=None), habits)
-    save_value(files.fragments, summary)
+    fragments, halves = collect_fragments(reported, detections, shown)
+    habits = learn_habits(reported, fragments, halves)
+    save_value(files.fragments, ShardSummary(fragments, habits))
     receipt = Receipt(
         schema=SCHEMA,
         index=shard.index,

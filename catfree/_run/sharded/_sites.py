@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from datetime import date
@@ -64,6 +64,9 @@ MOST_TRIES = 4  # stretches of a recording from which its cameras may be found
 CALIBRATION_SECONDS = 300.0
 _LARGEST_LIST = 2**20  # characters; a recording takes a few hundred
 _MOST_DOTS = 16  # per line: a recording has a frame rate
+
+# By key, from what TOML holds and its name for messages to the value.
+Readers = dict[str, Callable[[Any, str], Any]]
 
 
 @dataclass(frozen=True)
@@ -145,17 +148,14 @@ def run_sites(
         require_folder_name(name[1], "date")
     if not sites:
         raise InvalidInputError("There are no sites to run.")
-    given = _one_of_each(sites, "scene", "scenes")
-    anchors = _one_of_each(sites, "anchors", "lists of anchors")
-    units = _one_of_each(sites, "unit", "units")
+    for field, kind in (("scene", "scenes"), ("anchors", "lists of anchors"), ("unit", "units")):
+        sites = _shared(sites, field, kind)
     # Workers may be in another folder.
     sites = [
         dataclasses.replace(
             site,
             recording=_absolute(site.recording),
-            scene=given.get(site.name),
-            unit=units.get(site.name),
-            anchors=_absolute(anchors.get(site.name, ())),
+            anchors=_absolute(site.anchors),
             silent=_absolute(site.silent),
         )
         for site in sites
@@ -204,8 +204,8 @@ def run_sites(
     return finished
 
 
-def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]:
-    """Return the value of a field for each site that has one, the same for all of its dates."""
+def _shared(sites: Sequence[Site], field: str, kind: str) -> list[Site]:
+    """Give all dates of a site the value of a field that some of them have."""
     by_site: dict[str, Any] = {}
     for site in sites:
         value = getattr(site, field)
@@ -218,7 +218,10 @@ def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]
                 f"Site {quoted(site.name)} has two {kind}. Give all its dates the same one, or its "
                 "cameras another name after they were moved."
             )
-    return by_site
+    return [
+        dataclasses.replace(site, **{field: by_site[site.name]}) if site.name in by_site else site
+        for site in sites
+    ]
 
 
 def _absolute(value: Any) -> Any:
@@ -261,88 +264,81 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
     """
     source = as_path(path, "path")
     document = read_toml(source, "list of sites", largest=_LARGEST_LIST, dots=_MOST_DOTS)
-    kinds: dict[str, type | tuple[type, ...]] = {
-        "every": (int, float), "overlap": (int, float), "method": str, "detector": str,
-        "embedder": str, "site": list,
+
+    def place(value: Any, name: str) -> str:
+        return str(source.parent / _text(value, name))
+
+    def places(value: Any, name: str) -> tuple[str, ...]:
+        return tuple(place(one, name) for one in _list(value, name))
+
+    of_file: Readers = {
+        "every": as_number, "overlap": as_number, "method": _one_of(METHODS), "detector": place,
+        "embedder": place, "site": _list,
     }  # fmt: skip
-    _require_keys(document, kinds, source, "the file")
+    of_site: Readers = {
+        "name": _text, "date": _date, "videos": places, "detections": place, "scene": place,
+        "image_size": _sizes, "frame_rate": as_number, "anchors": place, "silent": place,
+        "unit": _one_of(METERS),
+    }  # fmt: skip
+    options = _values(document, of_file, source, "the file")
     sites = []
-    for index, row in enumerate(document.pop("site", [])):
-        sites.append(_site(row, source, f"site {index}"))
+    for index, row in enumerate(options.pop("site", [])):
+        values = _values(row, of_site, source, f"site {index}")
+        recordings = [values.pop(key) for key in ("videos", "detections") if key in values]
+        if "name" not in values or len(recordings) != 1:
+            raise FileFormatError(
+                f"{source}: site {index} needs a name and either videos or detections."
+            )
+        sites.append(Site(recording=recordings[0], **values))
     if not sites:
         raise FileFormatError(f"{source} has no [[site]].")
-    if document.get("method", METHODS[0]) not in METHODS:
-        known = ", ".join(METHODS)
-        raise FileFormatError(f"{source}: method is {quoted(document['method'])}, not of {known}.")
-    for name in ("every", "overlap"):
-        if name in document:
-            document[name] = _number(document[name], source, name)
-    for name in ("detector", "embedder"):
-        if name in document:
-            document[name] = str(source.parent / document[name])
-    return tuple(sites), document
+    return tuple(sites), options
 
 
-def _site(row: Any, source: Path, where: str) -> Site:
-    kinds: dict[str, type | tuple[type, ...]] = {
-        "name": str, "date": (str, date), "videos": list, "detections": str, "scene": str,
-        "image_size": list, "frame_rate": (int, float), "anchors": str,
-        "silent": str, "unit": str,
-    }  # fmt: skip
-    _require_keys(row, kinds, source, where)
-
-    def place(key: str) -> str | None:
-        return str(source.parent / row[key]) if key in row else None
-
-    if "name" not in row or ("videos" in row) == ("detections" in row):
-        raise FileFormatError(f"{source}: {where} needs a name and either videos or detections.")
-    videos = row.get("videos", ())
-    if not all(isinstance(video, str) for video in videos):
-        raise FileFormatError(f"{source}: videos of {where} must be paths.")
-    size = row.get("image_size")
-    if size is not None:
-        if not all(isinstance(pair, list) and list(map(type, pair)) == [int, int] for pair in size):
-            raise FileFormatError(
-                f"{source}: image_size of {where} must list width and height of each camera."
-            )
-        size = tuple((width, height) for width, height in size)
-    if row.get("unit", "m") not in METERS:
-        known = ", ".join(METERS)
-        raise FileFormatError(
-            f"{source}: unit of {where} is {quoted(row['unit'])}, not of {known}."
-        )
-    rate = row.get("frame_rate")
-    return Site(
-        name=row["name"],
-        recording=place("detections") or tuple(str(source.parent / video) for video in videos),
-        date=str(row.get("date", "")),
-        scene=place("scene"),
-        image_size=size,
-        frame_rate=None if rate is None else _number(rate, source, f"frame_rate of {where}"),
-        anchors=place("anchors") or (),
-        silent=place("silent") or (),
-        unit=row.get("unit"),
-    )
-
-
-def _number(value: int | float, source: Path, name: str) -> float:
+def _values(row: Any, readers: Readers, source: Path, where: str) -> dict[str, Any]:
+    """Read the values of a table of the file, each by its key."""
+    if not isinstance(row, dict):
+        raise FileFormatError(f"{source}: {where} must be a table, got {quoted(row)}.")
+    for key in row:
+        if key not in readers:
+            known = ", ".join(readers)
+            raise FileFormatError(f"{source}: {where} has no key {quoted(key)}; it has {known}.")
     try:
-        return as_number(value, name)
+        return {key: readers[key](value, f"{key} of {where}") for key, value in row.items()}
     except InvalidInputError as error:
         raise FileFormatError(f"{source}: {error}") from error
 
 
-def _require_keys(
-    row: Any, kinds: dict[str, type | tuple[type, ...]], source: Path, where: str
-) -> None:
-    if not isinstance(row, dict):
-        raise FileFormatError(f"{source}: {where} must be a table, got {quoted(row)}.")
-    for key, value in row.items():
-        if key not in kinds:
-            known = ", ".join(kinds)
-            raise FileFormatError(f"{source}: {where} has no key {quoted(key)}; it has {known}.")
-        if not isinstance(value, kinds[key]) or isinstance(value, bool):
-            raise FileFormatError(f"{source}: {key} of {where} is {quoted(value)}.")
+def _text(value: Any, name: str) -> str:
+    if not isinstance(value, str):
+        raise InvalidInputError(f"{name} is {quoted(value)}; it must be text.")
+    return value
+
+
+def _date(value: Any, name: str) -> str:
+    return str(value) if isinstance(value, date) else _text(value, name)
+
+
+def _list(value: Any, name: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise InvalidInputError(f"{name} is {quoted(value)}; it must be a list.")
+    return value
+
+
+def _sizes(value: Any, name: str) -> tuple[tuple[int, int], ...]:
+    pairs = _list(value, name)
+    if not all(isinstance(pair, list) and list(map(type, pair)) == [int, int] for pair in pairs):
+        raise InvalidInputError(f"{name} must list width and height of each camera.")
+    return tuple((width, height) for width, height in pairs)
+
+
+def _one_of(known: Collection[str]) -> Callable[[Any, str], str]:
+    def read(value: Any, name: str) -> str:
+        if _text(value, name) not in known:
+            raise InvalidInputError(f"{name} is {quoted(value)}, not of {', '.join(known)}.")
+        return value
+
+    return read
 
 
 def _scenes(
@@ -483,13 +479,8 @@ def _footage(
 
 
 def _spread(plan: Sequence[Shard]) -> list[Shard]:
-    """The middle first, then the middles of the halves, and so on."""
-    order: list[int] = []
-    parts = 2
-    while len(order) < min(len(plan), MOST_TRIES):
-        for numerator in range(1, parts, 2):
-            index = numerator * len(plan) // parts
-            if index not in order:
-                order.append(index)
-        parts *= 2
-    return [plan[index] for index in order]
+    """The middle first, then the middles of the halves, then those of the quarters."""
+    indices = [
+        numerator * len(plan) // parts for parts in (2, 4, 8) for numerator in range(1, parts, 2)
+    ]
+    return [plan[index] for index in dict.fromkeys(indices)]

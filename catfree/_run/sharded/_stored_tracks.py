@@ -9,10 +9,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from catfree._run.sharded._receipt import MANIFEST, MANIFEST_SCHEMA, require_scene_file
+from catfree._run.sharded._receipt import (
+    MANIFEST,
+    MANIFEST_SCHEMA,
+    require_hash,
+    require_scene_file,
+)
 from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import StrPath, document_of, require_folder
-from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._parquet import open_dataset
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
@@ -88,10 +92,7 @@ class StoredTracks:
         return open_dataset([str(part.path) for part in self.parts])
 
     def _read(self, part: StoredPart) -> Tracks:
-        if not part.path.is_file():
-            raise FileFormatError(f"{part.path} is missing. Join the shards again.")
-        if hash_file(part.path) != part.sha256:
-            raise FileFormatError(f"{part.path} was changed or cut. Join the shards again.")
+        require_hash(part.path, part.sha256, "Join the shards again.")
         return read_tracks_parquet(part.path, self.scene.ground)
 
     def _concatenate(self, parts: Iterator[Tracks]) -> Tracks:

@@ -70,13 +70,11 @@ def detect_videos(
     """
     report = progress or no_progress
     detectors = fit_to_cameras(videos, detector, report) if fitted is None else fitted
-    # One common detector may process all cameras at once.
-    shared = detector if isinstance(detector, BatchDetector) else None
     describe = None if embedder is None else Describer(embedder)
 
     def instants() -> Iterator[tuple[int, dict[int, Seen]]]:
         for done, (frame, pictures) in enumerate(videos.pictures_from(), start=1):
-            people = detect_instant(pictures, detectors, shared, frame)
+            people = detect_instant(pictures, detectors, frame)
             yield frame, describe_instant(pictures, people, describe, frame)
             report("detect", done, videos.frame_count)
 
@@ -184,15 +182,13 @@ class Blind:
 def detect_instant(
     pictures: Mapping[int, Image],
     detectors: Mapping[int, Detector] | Sequence[Detector],
-    shared: BatchDetector | None,
     frame: int,
 ) -> dict[int, FrameDetections]:
-    """Detect the people in each camera's picture of one instant.
+    """Detect the people in each camera's picture of one instant, all at once if one detector can.
 
     Args:
         pictures: by camera; those that exist.
         detectors: by camera.
-        shared: the common detector that processes all pictures at once, or None.
         frame: the frame of the instant, for messages.
 
     Returns:
@@ -202,7 +198,8 @@ def detect_instant(
         InvalidInputError: naming camera and frame, if a detector returns anything but
             `FrameDetections`.
     """
-    if shared is not None:
+    shared = next((detectors[camera] for camera in pictures), None)
+    if isinstance(shared, BatchDetector) and all(detectors[c] is shared for c in pictures):
         answers = shared.detect_batch(list(pictures.values()))
         if not isinstance(answers, list | tuple) or len(answers) != len(pictures):
             raise InvalidInputError(

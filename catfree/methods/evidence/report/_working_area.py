@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Num
 from scipy.spatial import KDTree
 
 from catfree.filters import log_otsu
@@ -89,7 +89,7 @@ class UsualPlace(NamedTuple):
     def holds(
         self,
         sigma: Float[np.ndarray, " person"],
-        whole: Int[np.ndarray, " person"],
+        whole: Num[np.ndarray, " person"],
         cameras: int,
         settings: EvidenceSettings,
     ) -> Bool[np.ndarray, " person"]:
