@@ -177,7 +177,7 @@ def _require_determined(covariance: np.ndarray, spread: bool, count: int) -> Non
         )
 
 
-def nearest_rotation(matrix: Float[Array, "dim dim"]) -> Float[Array, "dim dim"]:
+def nearest_rotation(matrix: Real[HostOrDevice, "dim dim"]) -> Float[Array, "dim dim"]:
     """The proper rotation R with the largest `tr(Rᵀ matrix)`.
 
     Args:
@@ -191,6 +191,7 @@ def nearest_rotation(matrix: Float[Array, "dim dim"]) -> Float[Array, "dim dim"]
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns", the lemma.
     """
+    (matrix,) = float_arrays(matrix)
     fixed = jax.lax.stop_gradient(matrix)
     left, values, right = jnp.linalg.svd(fixed)
     sign = jnp.where(jnp.linalg.det(left) * jnp.linalg.det(right) < 0, -1, 1).astype(matrix.dtype)
