@@ -291,6 +291,16 @@ def test_a_scale_is_positive(scale):
         Similarity(scale, np.eye(3), np.zeros(3))
 
 
+@pytest.mark.parametrize(
+    ("part", "values"),
+    [("scale", np.ones(1)), ("rotation", np.eye(2)), ("translation", np.zeros((1, 3)))],
+)
+def test_parts_of_another_shape_are_named(part, values):
+    parts = {"scale": 1.0, "rotation": np.eye(3), "translation": np.zeros(3)} | {part: values}
+    with pytest.raises(InvalidInputError, match=f"The {part} of a similarity must have shape"):
+        Similarity(**parts)
+
+
 def test_what_cannot_be_moved_is_told_so():
     rig = Rig(np.eye(3)[None], np.eye(3)[None], np.zeros((1, 3)), (9, 9))
     ground = Plane([0.0, 0.0, 1.0], 1.0)
