@@ -18,7 +18,7 @@ from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.types import Lens, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
 from catfree.types._scene import require_scene
-from catfree.types._validation import as_finite
+from catfree.types._validation import as_count, as_finite
 
 PARALLEL = 1e-6  # sine of the angle to the ground's normal below which upright is undefined
 
@@ -108,7 +108,7 @@ def camera_gain(
     require_scene(scene)
     registered = np.asarray(scene.rig.registered)
     area = visible_area(scene) if area is None else area
-    like = int(np.argmax(registered)) if like is None else like
+    like = int(np.argmax(registered)) if like is None else as_count(like, "like")
     if not (0 <= like < len(registered) and registered[like]):
         raise InvalidInputError(
             f"like is {like}, which is not a registered camera; choose one of "

@@ -115,6 +115,11 @@ def refine(
     _require_cameras(detections, scene.rig)
     require_different_cameras(detections.frame, detections.camera, detections.box)
     keep = _confident(detections, scene.rig, settings)
+    if not keep.any():
+        raise InsufficientDataError(
+            f"None of the {len(detections)} boxes is of a registered camera and as confident as "
+            f"Settings.confidence ({settings.confidence:g}). Check that they belong to the scene."
+        )
     if settings.method == "evidence":
         return refine_by_evidence(detections[keep], scene, settings, rounds, report)
     frames = evenly_spread(np.unique(detections.frame[keep]), MOST_FRAMES)

@@ -116,7 +116,7 @@ def select(
         raise InvalidInputError(f"gates is {quoted(gates)}; it must be one of {', '.join(ORDERS)}.")
     sigma, ground_distance = as_floating(sigma), as_floating(ground_distance)
     weighted_support = as_floating(weighted_support)
-    candidate = jnp.asarray(candidate)
+    candidate = as_mask(candidate, sigma.shape, "candidate")
 
     def threshold(values: Float[Array, " h"], where: Bool[Array, " h"]) -> Float[Array, ""]:
         if fixed_quantile is None:

@@ -117,7 +117,8 @@ def median_residual(
 
     Source: paper, Sec. "The Scoring Stage", of the angles of Eq. theta.
     """
-    residuals, where = as_floating(residuals), jnp.asarray(where)
+    residuals = as_floating(residuals)
+    where = as_mask(where, residuals.shape)
     if residuals.size == 0:
         return jnp.full((), jnp.nan, residuals.dtype)
     return jnp.nanmedian(jnp.where(where, residuals, jnp.nan))
@@ -138,7 +139,8 @@ def height_consistency(
 
     Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
     """
-    heights, where = as_floating(heights), jnp.asarray(where)
+    heights = as_floating(heights)
+    where = as_mask(where, heights.shape)
     values = jnp.where(where, heights, 0)
     count = jnp.maximum(jnp.sum(where), 1).astype(values.dtype)
     mean = jnp.sum(values) / count

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int, Num, ScalarLike
 
 from catfree.filters._sample_arrays import as_floating
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import require_shape
 
 
 def support(
@@ -35,6 +36,9 @@ def support(
     """
     position, origins, directions = map(as_floating, (position, origins, directions))
     weights = as_floating(weights)
+    require_shape(directions, (*weights.shape, 3), "directions")
+    require_shape(origins, (len(weights), 3), "origins")
+    require_shape(position, (3,), "position")
     if directions.shape[1] == 0:
         return jnp.full(origins.shape[0], -1, jnp.int32)
     # tan² of the angle from cross and dot product: at these small angles, where the cosine loses

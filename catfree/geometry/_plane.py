@@ -101,13 +101,13 @@ def fit_plane(
 
     Source: Pearson (1901), "On lines and planes of closest fit to systems of points in space".
     """
+    points, weights, toward = float_arrays(points, weights, toward)
     require_shape(points, (None, 3), "points")
-    point_weights = np.ones(points.shape[0], np.float32) if weights is None else weights
+    point_weights = jnp.ones(len(points), points.dtype) if weights is None else weights
     require_shape(point_weights, points.shape[:1], "weights")
-    points, point_weights, toward = float_arrays(points, point_weights, toward)
     if toward is not None:
         require_vectors(3, toward=toward)
-    present = jnp.asarray(point_weights) > 0  # false for NaN too
+    present = point_weights > 0  # false for NaN too
     points = jnp.where(present[:, None], points, 0)
     total = jnp.sum(jnp.where(present, point_weights, 0))
     shares = jnp.where(present, point_weights, 0) / jnp.where(total > 0, total, 1)
@@ -180,9 +180,9 @@ def fit_plane_ransac(
 
     Source: Fischler and Bolles (1981); Torr and Zisserman (2000) for the truncated score.
     """
+    points, threshold, toward = float_arrays(points, threshold, toward)
     require_shape(points, (None, 3), "points")
     count = as_count(iterations, "iterations", least=1)
-    points, threshold, toward = float_arrays(points, threshold, toward)
     if toward is not None:
         require_vectors(3, toward=toward)
     if threshold is not None and not is_traced(threshold) and not threshold >= 0:

@@ -43,9 +43,12 @@ class Similarity(eqx.Module):
         """Store as JAX arrays of one dtype.
 
         Raises:
-            InvalidInputError: if the scale is a number that is not positive.
+            InvalidInputError: if shapes do not fit, or the scale is a number that is not positive.
         """
         self.scale, self.rotation, self.translation = float_arrays(scale, rotation, translation)
+        require_shape(self.scale, (), "The scale of a similarity")
+        require_shape(self.translation, (None,), "The translation of a similarity")
+        require_shape(self.rotation, 2 * self.translation.shape, "The rotation of a similarity")
         if not is_traced(self.scale) and not np.all(np.asarray(self.scale) > 0):
             raise InvalidInputError(
                 f"The scale of a similarity is {self.scale}; it must be positive. A mirrored frame "
@@ -177,7 +180,7 @@ def _require_determined(covariance: np.ndarray, spread: bool, count: int) -> Non
         )
 
 
-def nearest_rotation(matrix: Float[Array, "dim dim"]) -> Float[Array, "dim dim"]:
+def nearest_rotation(matrix: Real[HostOrDevice, "dim dim"]) -> Float[Array, "dim dim"]:
     """The proper rotation R with the largest `tr(Rᵀ matrix)`.
 
     Args:
@@ -191,6 +194,7 @@ def nearest_rotation(matrix: Float[Array, "dim dim"]) -> Float[Array, "dim dim"]
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns", the lemma.
     """
+    (matrix,) = float_arrays(matrix)
     fixed = jax.lax.stop_gradient(matrix)
     left, values, right = jnp.linalg.svd(fixed)
     sign = jnp.where(jnp.linalg.det(left) * jnp.linalg.det(right) < 0, -1, 1).astype(matrix.dtype)

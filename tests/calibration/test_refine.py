@@ -188,6 +188,8 @@ def test_what_cannot_be_refined_is_refused(method):
         refine(world.detections, Scene(two, world.scene.ground, world.scene.extent), method)
     with pytest.raises(InvalidInputError, match="the rig has 3 cameras"):
         refine(world.detections, Scene(rig.select([0, 1, 2]), world.scene.ground, 1.0), method)
+    with pytest.raises(InsufficientDataError, match="None of the 0 boxes"):
+        refine(world.detections[:0], world.scene, method)
     by_few = r"No person is (confidently )?seen by 3 cameras"
     with pytest.raises(InsufficientDataError, match=by_few):
         refine(world.detections[world.detections.camera < 2], world.scene, method)

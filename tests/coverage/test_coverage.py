@@ -156,6 +156,8 @@ def test_a_new_camera_looks_where_it_is_told_and_stands_upright(x64):
         camera_gain(scene, np.array([0.0, 0.0, 4.0]), np.array([0.0, 0.0, 1.0]), AREA)
     with pytest.raises(InvalidInputError, match="registered camera"):
         camera_gain(scene, np.array([9.0, 0, 4]), np.array([0.0, 0, 1]), AREA, like=7)
+    with pytest.raises(InvalidInputError, match="like must hold whole numbers"):
+        camera_gain(scene, np.array([9.0, 0, 4]), np.array([0.0, 0, 1]), AREA, like=True)
 
 
 @pytest.mark.slow

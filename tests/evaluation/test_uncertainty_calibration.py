@@ -54,6 +54,16 @@ def test_rotating_or_scaling_the_world_changes_no_mahalanobis_distance(angle, sc
     np.testing.assert_allclose(result.squared_mahalanobis, expected.squared_mahalanobis, rtol=1e-7)
 
 
+def test_a_rotated_circle_is_symmetric():
+    angle = np.linspace(0, 3, 50)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    turn = np.moveaxis(turn, -1, 0).astype(np.float32)
+    rows = [[frame, 0, 0, 0] for frame in range(50)]
+    covariance = turn @ (0.3 * turn.transpose(0, 2, 1))
+    assert (covariance != covariance.transpose(0, 2, 1)).any()
+    assert evaluation.ellipse_coverage(rows, rows, covariance).matched == 50
+
+
 def test_covariances_stay_with_their_rows_when_frames_are_chosen():
     truth = [[0, 0, 0, 0], [1, 0, 0, 0], [2, 0, 0, 0]]
     predicted = [[2, 0, 0.3, 0.0], [0, 0, 0.0, 0.4], [1, 0, 0.1, 0.0]]
@@ -128,6 +138,13 @@ def test_calibration_curve_equals_a_count_by_hand(claimed, bins, data):
         assert 0 <= curve.brier_score <= 1
     else:
         assert math.isnan(curve.expected_calibration_error)
+
+
+@pytest.mark.parametrize("bins", [1, 3, 10, 20, 100])
+def test_a_probability_on_a_border_is_in_the_upper_bin(bins):
+    borders = [k / bins for k in range(bins)]
+    curve = evaluation.calibration_curve(borders, [True] * bins, bins)
+    np.testing.assert_array_equal(curve.count, 1)
 
 
 def test_honest_probabilities_have_little_calibration_error():

@@ -169,6 +169,16 @@ def test_a_point_on_the_ground_passes_the_ground_gate(gates):
     assert outcome.keep[:2].all()
 
 
+def test_candidates_may_be_zeros_and_ones():
+    sigma = np.array([1.0, 2.0, 30.0, 40.0])
+    unchecked = inspect.unwrap(filters.select)  # the tests' check of types comes before
+    gates = unchecked(sigma, sigma, sigma, np.array([1, 1, 1, 0]))
+    assert {mask.dtype for mask in gates[:4]} == {np.dtype(bool)}
+    np.testing.assert_array_equal(gates.keep, [True, False, False, False])
+    with pytest.raises(InvalidInputError, match=r"candidate must have shape \(4\)"):
+        unchecked(sigma, sigma, sigma, np.ones(1, bool))
+
+
 def test_a_quantile_outside_its_range_is_an_error():
     one = np.ones(1, np.float32)
     with pytest.raises(InvalidInputError, match=r"fixed_quantile is 1\.5"):

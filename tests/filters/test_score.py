@@ -233,6 +233,12 @@ def test_implied_height_is_finite_for_a_camera_looking_down(dtype, foot):
     assert height.dtype == dtype
 
 
+@pytest.mark.parametrize("signal", [filters.median_residual, filters.height_consistency])
+def test_a_mask_of_another_length_is_an_error(signal):
+    with pytest.raises(InvalidInputError, match=r"where must have shape \(3\), got \(1,\)"):
+        inspect.unwrap(signal)(np.ones(3), np.ones(1, bool))
+
+
 def test_a_column_too_few_is_an_error_not_another_signal():
     unchecked = inspect.unwrap(filters.auxiliary_score)  # as where no types are checked
     with pytest.raises(InvalidInputError, match="one column for each"):

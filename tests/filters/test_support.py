@@ -1,11 +1,14 @@
 """Support recount against a loop over rays with arctan2 in float64."""
 
+import inspect
+
 import jax
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 import catfree.filters as filters
+from catfree.errors import InvalidInputError
 
 CAMERAS, RAYS = 3, 4
 RADIUS = 0.0206
@@ -110,6 +113,18 @@ def test_support_by_hand(dtype, angles, weights, expected):
     arrays = (np.array([9, 0, 0]), np.zeros((1, 3)), looking_at(*angles), np.array([weights]))
     index = filters.support(*(a.astype(dtype) for a in arrays), RADIUS)
     assert index.tolist() == [expected]
+
+
+def test_arrays_that_would_broadcast_are_named():
+    unchecked = inspect.unwrap(filters.support)  # the tests' check of shapes comes before
+    origins, directions, weights = np.zeros((2, 3)), np.zeros((2, 4, 3)), np.zeros((2, 4))
+    for arguments, message in (
+        ((np.zeros(2), origins, directions, weights), "position must have shape"),
+        ((np.zeros(3), origins[:1], directions, weights), "origins must have shape"),
+        ((np.zeros(3), origins, directions[:, :1], weights), "directions must have shape"),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            unchecked(*arguments, 0.1)
 
 
 def test_no_rays_at_all():

@@ -212,6 +212,15 @@ def test_ransac_leaves_out_points_that_are_not_finite():
     np.testing.assert_array_equal(found.inliers, np.arange(56) < 50)
 
 
+def test_lists_of_points_are_points():
+    floor, key = [[0, 0, 2], [5, 0, 2], [0, 5, 2], [5, 5, 2]], jax.random.key(0)
+    # The tests' check of types comes before.
+    fit, ransac = (inspect.unwrap(f) for f in (geometry.fit_plane, geometry.fit_plane_ransac))
+    for plane in (fit(floor), fit(floor, [1, 1, 1, 0]), ransac(floor, key).plane):
+        np.testing.assert_allclose(np.abs(plane.normal), [0, 0, 1], atol=1e-6)
+        assert float(plane.signed_distance(np.array([0.0, 0, 2]))) == pytest.approx(0, abs=1e-5)
+
+
 def test_ransac_without_points_is_one_error():
     with pytest.raises(InsufficientDataError, match="3 points"):
         geometry.fit_plane_ransac(np.zeros((0, 3)), jax.random.key(0))

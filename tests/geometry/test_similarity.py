@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -187,6 +188,12 @@ def test_degenerate_points_raise_when_concrete_and_are_finite_when_traced(x64, n
 
 
 @pytest.mark.slow
+def test_the_nearest_rotation_takes_numpy_without_a_warning():
+    turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    with warnings.catch_warnings(action="error"):
+        np.testing.assert_allclose(geometry.nearest_rotation(3 * turn), turn, atol=1e-6)
+
+
 def test_equal_singular_values_differentiate(x64):
     cube = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     gradient = fit_reverse(cube, cube, np.ones(6))
@@ -282,6 +289,16 @@ def test_the_fit_says_that_points_are_not_finite():
 def test_a_scale_is_positive(scale):
     with pytest.raises(InvalidInputError, match=f"scale of a similarity is {scale}"):
         Similarity(scale, np.eye(3), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("part", "values"),
+    [("scale", np.ones(1)), ("rotation", np.eye(2)), ("translation", np.zeros((1, 3)))],
+)
+def test_parts_of_another_shape_are_named(part, values):
+    parts = {"scale": 1.0, "rotation": np.eye(3), "translation": np.zeros(3)} | {part: values}
+    with pytest.raises(InvalidInputError, match=f"The {part} of a similarity must have shape"):
+        Similarity(**parts)
 
 
 def test_what_cannot_be_moved_is_told_so():

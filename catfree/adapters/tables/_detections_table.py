@@ -1,5 +1,6 @@
 """Detections as a Parquet table with one row per box, read in ranges of frames."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,10 +51,8 @@ def write_detections_parquet(path: StrPath, detections: Detections) -> Path:
     for name in ("embedding", "keypoints"):
         values = getattr(ordered, name)
         if values is not None:
-            flat = values.reshape(len(values), -1)
-            # A list of no numbers has no rows of its own.
-            width = max(flat.shape[1], 1)
-            columns[name] = pyarrow.FixedSizeListArray.from_arrays(flat.ravel(), width)
+            width = max(math.prod(values.shape[1:]), 1)  # lists of no numbers have no rows
+            columns[name] = pyarrow.FixedSizeListArray.from_arrays(values.ravel(), width)
     table = pyarrow.table(columns, metadata={_CLOCK: clock_to_text(ordered.clock)})
     return write_parquet(path, table, row_group_size=_ROWS_PER_GROUP, compression="zstd")
 

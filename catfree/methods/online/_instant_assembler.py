@@ -105,9 +105,7 @@ class InstantAssembler:
             InvalidInputError: if there is no camera, the rate is not positive, or the timeout is
                 negative or not finite.
         """
-        self.camera_count = as_count(self.camera_count, "camera_count")
-        if self.camera_count < 1:
-            raise InvalidInputError("camera_count is 0; an instant needs at least one camera.")
+        self.camera_count = as_count(self.camera_count, "camera_count", least=1)
         self.frame_rate = as_positive(self.frame_rate, "frame_rate")
         self.timeout = as_duration(self.timeout, "timeout")
 

@@ -147,11 +147,14 @@ class Tracks(eqx.Module):
             whole_views: None where it is not known.
 
         Raises:
-            InvalidInputError: naming the first column whose shape does not fit the others, or the
-                first entry of `support` below -1.
+            InvalidInputError: naming the first column whose shape does not fit the others, or that
+                does not hold numbers, whole ones where these are, or the first entry of `support`
+                below -1.
         """
-        whole = frame, track_id, origin, supporting_cameras
-        self.frame, self.track_id, self.origin, self.supporting_cameras = map(np.asarray, whole)
+        self.frame = as_integer(frame, "frame")
+        self.track_id = as_integer(track_id, "track_id")
+        self.supporting_cameras = as_integer(supporting_cameras, "supporting_cameras")
+        self.origin = as_integer(origin, "origin")
         self.position, self.ground_xy, self.sigma, self.covariance = (
             np.asarray(as_float(values)) for values in (position, ground_xy, sigma, covariance)
         )
@@ -168,7 +171,7 @@ class Tracks(eqx.Module):
         self.cameras = None if cameras is None else np.asarray(cameras)
         self.clock = require_clock(clock)
         self.design_sigma = None if design_sigma is None else np.asarray(as_float(design_sigma))
-        self.whole_views = None if whole_views is None else np.asarray(whole_views)
+        self.whole_views = None if whole_views is None else as_integer(whole_views, "whole_views")
         self._check(m)
 
     def _check(self, m: int) -> None:

@@ -59,6 +59,11 @@ def test_any_range_of_frames_is_read_as_it_was_written(
     assert_equal(read_detections_parquet(path, first, stop), ordered[inside])
 
 
+def test_a_table_without_boxes_keeps_its_columns(tmp_path):
+    nobody = boxes(0, 0, 1, 5, True, None)
+    assert_equal(read_detections_parquet(write_detections_parquet(tmp_path / "b", nobody)), nobody)
+
+
 def test_a_folder_of_tables_is_one_table(tmp_path):
     whole = boxes(0, 30, 10, 3, True, Clock(5.0))
     whole = whole[np.lexsort((whole.camera, whole.frame))]

@@ -100,6 +100,9 @@ def test_a_localization_of_version_0_1_loads():
         ({"track_id": np.zeros(4, int)}, r"track_id must have shape \(5\)"),
         ({"design_sigma": np.zeros(4)}, r"design_sigma must have shape \(5\)"),
         ({"whole_views": np.zeros((5, 2), int)}, r"whole_views must have shape \(5\)"),
+        ({"whole_views": np.full(5, 0.5)}, r"whole_views\[0\] is 0.5; it must be a whole number"),
+        ({"frame": np.full(5, 0.5)}, r"frame\[0\] is 0.5; it must be a whole number"),
+        ({"track_id": ["a"] * 5}, "track_id must hold whole numbers"),
     ],
 )
 def test_columns_that_do_not_fit_are_named(change, message):
@@ -116,6 +119,15 @@ def test_lists_are_columns_too():
         Tracks(**lists | {"sigma": [1, 2]})
     with pytest.raises(InvalidInputError, match=r"frame must have shape \(n\)"):
         Tracks(**lists | {"frame": 3})
+
+
+@pytest.mark.parametrize("count", [0, 5])
+def test_whole_numbers_of_any_type_are_saved(tmp_path, count):
+    columns = vars(tracks(count))
+    numbers = {name: columns[name].astype(float).tolist() for name in ("frame", "track_id")}
+    Tracks(**columns | numbers).save(tmp_path / "tracks.npz")
+    for name, values in vars(Tracks.load(tmp_path / "tracks.npz")).items():
+        np.testing.assert_array_equal(values, columns[name])
 
 
 def test_support_beyond_the_detections_is_named():
