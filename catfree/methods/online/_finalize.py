@@ -11,6 +11,7 @@ from scipy.special import expit
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
+from catfree.methods.evidence.report._uneven_ground import usual_shift
 from catfree.methods.evidence.report._working_area import UsualPlace
 from catfree.methods.evidence.track._identify import (
     HORIZON,
@@ -37,8 +38,6 @@ from catfree.methods.online._tracker_state import Learned, PendingInstant, Track
 from catfree.methods.online._update import Event
 from catfree.settings import EvidenceSettings
 
-FEW_PLACES = 512  # until so many people were reported, what is usual is learned every time
-PLACES_INTERVAL = 16  # instants between later times
 # Prior counts, as of rare cases already seen: came or left, reported, hid; and frames hidden.
 USUAL_HABITS = np.array([4.0, 200.0, 4.0, 12.0])
 
@@ -67,33 +66,34 @@ class Reported(NamedTuple):
 
 
 def provisional(
-    state: TrackerState, instant: PendingInstant, learned: Learned, settings: EvidenceSettings
+    state: TrackerState, instant: PendingInstant, settings: EvidenceSettings
 ) -> tuple[TrackerState, Reported]:
-    """Report an instant as it looks now, with the identities that the tracks have now.
-
-    Args:
-        state: with the instant in its window, or already final.
-        instant: to report.
-        learned: for the working area, as when the instant came.
-        settings: constants and switches.
-    """
-    node = instant.node
+    """Judge who is there now, and learn where people go; identities are the numbers of tracks."""
+    node, learned = instant.node, state.learned
     log_odds = instant.forward[:, 0] - instant.forward[:, 1]
-    cameras = int(learned.active.sum())
     # Those whom enough cameras see are reported before their track has lasted.
+    cameras = int(learned.active.sum())
     sure = sure_groups(instant.support, instant.evidence, cameras, settings)
     probability = expit(np.where(sure, np.maximum(log_odds, instant.evidence), log_odds))
     spread, sharp = sharp_positions(node.covariance, instant.shift, probability, settings)
     alone = one_per_place(node.trails, instant.weight, sharp, settings.personal_space)
-    rows = np.flatnonzero(alone & _in_working_area(instant.place, learned, settings))
-    names = _identity_of(state, node.track[rows])
-    unnamed = _by_precision(np.flatnonzero(names < 0), spread[rows])
-    names[unnamed] = int(state.names) + np.arange(len(unnamed))
-    state = _named(state, node.track[rows[unnamed]], names[unnamed])
+    places = np.column_stack([node.mean[alone, :2], instant.place[alone]])
+    state = learn_places(state, places, settings)
+    rows = np.flatnonzero(alone & _in_working_area(instant.place, state.learned, settings))
     return state, Reported(
-        float(instant.time), names, node.mean[rows], node.covariance[rows],
+        float(instant.time), node.track[rows], node.mean[rows], node.covariance[rows],
         spread[rows], probability[rows], instant.support[rows], instant.place[rows],
     )  # fmt: skip
+
+
+def with_identities(state: TrackerState, reported: Reported) -> tuple[TrackerState, Reported]:
+    """Give provisional rows the identities that their tracks have now, or new ones."""
+    track = reported.identity
+    names = _identity_of(state, track)
+    unnamed = _by_precision(np.flatnonzero(names < 0), reported.position_covariance)
+    names[unnamed] = int(state.names) + np.arange(len(unnamed))
+    state = _named(state, track[unnamed], names[unnamed])
+    return state, reported._replace(identity=names)
 
 
 def _in_working_area(
@@ -155,13 +155,9 @@ def finalize(
         i.node._replace(group=np.where(i.node.group >= 0, i.node.group + begin, -1))
         for i, begin in zip(window, first, strict=False)
     ]
-    trails = smooth(history, time, motion, ended=False)
+    trails, row = smooth(history, time, motion)
     if len(trails) == 0:
         return replace(state, window=window[ready:]), [], []
-    # The row of the window of each row of the trails.
-    by_frame = np.lexsort((trails.track, trails.frame))
-    row = np.empty(len(trails), np.int64)
-    row[by_frame] = np.arange(len(trails))
 
     def column(name: str) -> np.ndarray:
         return np.concatenate([getattr(i, name) for i in window])
@@ -175,36 +171,31 @@ def finalize(
     probability = expit(on - evidence - off)
     last = np.r_[np.diff(trails.track) != 0, True]
     weight = of_trails("weight")[last][np.cumsum(np.r_[0, last[:-1]])]
-    info = Information(column("matrix"), column("vector"), np.zeros(len(trails)))
+    matrix, vector = column("matrix"), column("vector")
+    info = Information(matrix, vector, np.zeros(len(matrix)))
     likeness = likeness_of(learned, settings) if settings.link_by_looks else None
     looks = Looks(column("look"), column("boxes"), likeness)
-    covariance, sharp = sharp_positions(
-        trails.covariance, of_trails("shift"), probability, settings
-    )
+    shift = usual_shift(trails, of_trails("shift"), settings.gap)
+    covariance, sharp = sharp_positions(trails.covariance, shift, probability, settings)
     oldest = trails.frame < ready
     alone = one_per_place(trails, weight, sharp & oldest, settings.personal_space)
     sharp = np.where(oldest, alone, sharp)
-    reported = sharp & _in_working_area(of_trails("place"), learned, settings)
+    place, support = of_trails("place"), of_trails("support")
+    reported = sharp & _in_working_area(place, learned, settings)
     extra = covariance - trails.covariance[:, :2, :2]
     walk = replace(motion, memory=motion.memory**settings.sudden)
     population = Population(time, walk, float(noise.density), spread, settings, looks)
     out, events = [], []
     for t in range(ready):
-        at_frame = by_frame[first[t] : first[t + 1]]
-        rows = at_frame[reported[at_frame]]
+        rows = np.flatnonzero(reported & (trails.frame == t))
         state, names, merged = _identify(
             state, float(window[t].time), trails, t, reported, extra, info, population
         )
         events += merged
-        place = window[t].place  # in the same order: by track
-        fully = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
-        sharp_people = np.column_stack([trails.mean[at_frame, :2], place])[sharp[at_frame]]
-        learned = learn_places(state.learned, sharp_people, fully, settings)
-        state = replace(state, learned=learned, final_time=window[t].time)
+        state = replace(state, final_time=window[t].time)
         out.append(Reported(
             float(window[t].time), names, trails.mean[rows], trails.covariance[rows],
-            covariance[rows], probability[rows], window[t].support[reported[at_frame]],
-            place[reported[at_frame]],
+            covariance[rows], probability[rows], support[rows], place[rows],
         ))  # fmt: skip
     return replace(state, window=window[ready:]), out, events
 

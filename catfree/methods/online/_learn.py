@@ -30,6 +30,8 @@ INTERVAL = 512  # instants between later looks at noise, so that it follows slow
 WIDEST_SPACING = 32  # instants of the sample are at most so far apart: older ones are forgotten
 MEMORY = 2000.0  # instants after which a count weighs less by a factor of e
 PLACES = 4096  # reported people whose places are remembered
+FEW_PLACES = 512  # until so many are remembered, what is usual is learned at every instant
+PLACES_INTERVAL = 16  # instants between later times
 USUAL_PLACES = 1024  # of them, those that teach what is usual, in a tenth of an instant's time
 SAMPLED = ("frame", "camera", "box", "ankles_confirmed", "embedding")  # columns remembered
 TIMES = 101  # instants whose usual distance is the usual step
@@ -127,6 +129,7 @@ def learn_noise_and_unit(
         likeness=likeness,
         steps=learned.steps * np.array([length**2, 1]),
         places=learned.places * np.array([length, length, length, 1]),
+        usual=learned.usual * np.array([length, 1]),
     )
     return rescaled(replace(state, learned=learned), length, 1.0)
 
@@ -152,16 +155,18 @@ def learn_step(state: TrackerState, time: float) -> TrackerState:
 
 
 def learn_places(
-    learned: Learned, place: Float[np.ndarray, "n 4"], fully: bool, settings: EvidenceSettings
-) -> Learned:
-    """Remember rows of `Learned.places`; `fully` also learns what is usual."""
+    state: TrackerState, place: Float[np.ndarray, "n 4"], settings: EvidenceSettings
+) -> TrackerState:
+    """Remember rows of `Learned.places`, and learn what is usual: rarely once many are known."""
+    learned = state.learned
     places = np.concatenate([learned.places, place])[-PLACES:]
     usual = learned.usual
-    if len(places) and (fully or np.isnan(usual).any()):
+    often = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
+    if len(places) and often:
         some = evenly_spread(places, USUAL_PLACES)
         whole = some[:, 3].astype(np.int64)
         usual = np.array(usual_place(some[:, :2], some[:, 2], whole, settings))
-    return replace(learned, places=places, usual=usual)
+    return replace(state, learned=replace(learned, places=places, usual=usual))
 
 
 def forgetting(learned: Learned) -> Learned:

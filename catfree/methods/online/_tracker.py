@@ -19,12 +19,12 @@ from catfree.methods.online._finalize import (
     finalize,
     forget_ended_tracks,
     provisional,
+    with_identities,
 )
 from catfree.methods.online._learn import (
     add_to_sample,
     is_due,
     learn_noise_and_unit,
-    learn_places,
     learn_step,
 )
 from catfree.methods.online._tracker_state import TrackerState, new_state, no_boxes
@@ -131,32 +131,28 @@ class Tracker:
         with float_width_of(detections.box):
             state = learn_step(state, time)
             state = add_to_sample(state, boxes, silent, settings)
-            due = is_due(int(state.count) + 1) or np.isnan(state.learned.unit)
-            if due:
+            if is_due(int(state.count) + 1) or np.isnan(state.learned.unit):
                 state = learn_noise_and_unit(state, self.scene, settings)
-                learned = learn_places(state.learned, np.zeros((0, 4)), True, settings)
-                state = replace(state, learned=learned)
-            instant = None
+            now = []
             if not np.isnan(state.learned.unit):
                 state, instant = advance(state, boxes, time, silent, self.scene, settings)
                 support = np.where(instant.support >= 0, _take(usable_rows, instant.support), -1)
                 instant = instant._replace(support=support)
-                state = replace(state, window=(*state.window, instant))
+                state, reported = provisional(state, instant, settings)
+                state, now = replace(state, window=(*state.window, instant)), [reported]
             state = replace(state, count=np.asarray(state.count + 1), time=np.array(time))
             # Sums of decimal fractions are not exact.
             final_until = time - self.lag + 1e-6
-            learned = state.learned
             if self.lag == math.inf:
                 state = replace(state, window=())
                 state = self._record(state, detections, time, silent)
             ready = sum(float(i.time) <= final_until for i in state.window)
             state, final, events = finalize(state, settings, ready)
-            rows = []
-            if instant is not None:
-                state, reported = provisional(state, instant, learned, settings)
-                rows = [reported]
+            if now:
+                state, reported = with_identities(state, now[0])
+                now = [reported]
             self._state = forget_ended_tracks(state)
-        current, final = self._tracks(rows, time), self._tracks(final, time)
+        current, final = self._tracks(now, time), self._tracks(final, time)
         return Update(current, final, tuple(events), final_until)
 
     def finish(self) -> Update:

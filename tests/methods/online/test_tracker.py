@@ -359,7 +359,9 @@ def test_without_a_lag_final_positions_are_some_of_those_of_now():
     for f in range(40):
         update = tracker.update(boxes_of(f, world.detections), f / RATE)
         is_final = np.isin(update.provisional.track_id, update.final.track_id)
-        assert known.isdisjoint(update.provisional.track_id[~is_final].tolist())
+        is_hidden = (update.provisional.support < 0).all(1)
+        not_final = update.provisional.track_id[~is_final & ~is_hidden]
+        assert known.isdisjoint(not_final.tolist())  # who is seen and not final yet is new
         known |= set(update.final.track_id.tolist())
         now = update.provisional[is_final]
         assert np.array_equal(now.track_id, update.final.track_id)
@@ -382,6 +384,28 @@ def test_people_whom_many_see_are_there_at_once_and_final_if_they_stay():
         assert (found.fn, found.fp) == (0, 0)
         final = final_rows([*updates, tracker.finish()])
         assert (final[:, 0] == 0).sum() == (len(true) if stay else 0)
+
+
+@pytest.mark.slow
+def test_the_first_instant_teaches_where_people_go():
+    tracker = cf.Tracker(SCENE, lag=2.0)
+    people = len(feed(tracker, [0])[0].provisional)
+    learned = tracker.state.learned
+    assert len(learned.places) == people == 5
+    assert np.isfinite(learned.usual).all()
+
+
+@pytest.mark.slow
+def test_whoever_leaves_was_there_as_surely_as_whoever_stays():
+    rows = cf.localize(DETECTIONS, SCENE).tracks
+    leaving = rows[(rows.track_id == 0) & (rows.frame > 5)]
+    without = np.setdiff1d(np.arange(len(DETECTIONS)), leaving.support)
+    tracker = cf.Tracker(SCENE, lag=8.0)
+    updates = [*feed(tracker, detections=DETECTIONS[without]), tracker.finish()]
+    final = [u.final[np.round(u.final.time * RATE) == 5] for u in updates]
+    existence = np.concatenate([part.existence for part in final])
+    assert len(existence) == 5
+    assert (existence > 0.9999).all()
 
 
 @pytest.mark.slow

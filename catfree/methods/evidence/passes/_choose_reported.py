@@ -7,7 +7,7 @@ import numpy as np
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.observe._visibility import expected_views
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
-from catfree.methods.evidence.report._uneven_ground import ground_shift
+from catfree.methods.evidence.report._uneven_ground import ground_shift, usual_shift
 from catfree.methods.evidence.report._working_area import (
     design_sigma,
     in_working_area,
@@ -24,6 +24,7 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
     shift = ground_shift(
         trails, state.groups, state.measurements, boxes.view, views, state.noise, settings
     )
+    shift = usual_shift(trails, shift, settings.gap)
     covariance, sharp = sharp_positions(trails.covariance, shift, state.probability, settings)
     alone = suppress_overlapping_tracks(trails, state.evidence, sharp, settings.personal_space)
     rows, sigma, whole = np.flatnonzero(alone), state.design_sigma.copy(), state.whole_views.copy()

@@ -17,7 +17,7 @@ def sharp_positions(
 
     Args:
         covariance: of the states of M rows in H0.
-        shift: (M, 2) movement per unit that a person stands above the plane, see `ground_shift`.
+        shift: (M, 2) movement per unit that a person stands above the plane, see `_uneven_ground`.
         probability: (M,) that the person is present.
         settings: `report_radius` is the largest error of a right place.
 

@@ -30,7 +30,7 @@ def ground_shift(
     noise: Noise,
     settings: EvidenceSettings,
 ) -> Float[np.ndarray, "node 2"]:
-    """Movement of each position per unit that its person stands above the plane.
+    """Movement of each position, by its own boxes, per unit that its person stands above the plane.
 
     Args:
         trails: the tracks.
@@ -39,17 +39,15 @@ def ground_shift(
         view: (N,) the pinhole of each box.
         views: the cameras.
         noise: for the spread of heights.
-        settings: `gap` is the number of frames on either side to consider; without
-            `uneven_ground` nobody stands above the plane.
+        settings: without `uneven_ground` nobody stands above the plane.
 
     Returns:
-        (M, 2) the median (by length) of the neighboring rows, in meters per meter.
+        (M, 2) meters per meter, 0 in gaps.
     """
     M = len(trails)
     if M == 0 or len(groups) == 0 or not settings.uneven_ground:
         return np.zeros((M, 2))
-    has_group = trails.group >= 0
-    member = np.where(has_group[:, None], groups.member[trails.group], -1)
+    member = np.where(trails.group[:, None] >= 0, groups.member[trails.group], -1)
     normal, cross = np.zeros((M, 3, 3)), np.zeros((M, 3))
     for sightings in sightings_by_camera(trails.mean[:, :3], member, measurements, view, views):
         slopes = sightings.slopes * sightings.precision[..., None]
@@ -57,14 +55,27 @@ def ground_shift(
         cross[sightings.person] += np.einsum("nki,nk->ni", slopes[..., :3], slopes[..., 3])
     normal[:, 2, 2] += 1 / float(noise.spread) ** 2
     scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
-    movement = np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]
-    length = np.where(has_group, np.linalg.norm(movement, axis=1), np.nan)
+    return np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]
+
+
+def usual_shift(
+    trails: Trails, shift: Float[np.ndarray, "node 2"], reach: int
+) -> Float[np.ndarray, "node 2"]:
+    """Median (by length) of the movements of the rows around each row of a track.
+
+    Args:
+        trails: the tracks, each of which is somewhere seen within the reach of every row.
+        shift: (M, 2) result of `ground_shift`.
+        reach: number of frames on either side to consider.
+    """
+    M = len(trails)
+    length = np.where(trails.group >= 0, np.linalg.norm(shift, axis=1), np.nan)
     # Rows of a track are consecutive frames.
-    window = np.arange(M)[:, None] + np.arange(-settings.gap, settings.gap + 1)
+    window = np.arange(M)[:, None] + np.arange(-reach, reach + 1)
     inside = (window >= 0) & (window < M)
     window = np.clip(window, 0, M - 1)
     inside &= trails.track[window] == trails.track[:, None]
     around = np.where(inside, length[window], np.nan)
     middle = (np.isfinite(around).sum(1, keepdims=True) - 1) // 2
     chosen = np.take_along_axis(np.argsort(around, axis=1), np.maximum(middle, 0), axis=1)
-    return movement[np.take_along_axis(window, chosen, axis=1)[:, 0]]
+    return shift[np.take_along_axis(window, chosen, axis=1)[:, 0]]

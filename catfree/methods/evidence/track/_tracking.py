@@ -257,7 +257,7 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
             heads = predict(heads, *transition(population.motion, float(time[t] - time[t - 1])))
         node, heads, count = link(heads, info, rows, count, population)
         history.append(node)
-    return smooth(history, time, population.motion)
+    return smooth(history, time, population.motion)[0]
 
 
 class Node(NamedTuple):
@@ -317,25 +317,27 @@ def link(
 
 
 def smooth(
-    history: Sequence[Node], time: Float[np.ndarray, " frame"], motion: Motion, ended: bool = True
-) -> Trails:
+    history: Sequence[Node], time: Float[np.ndarray, " frame"], motion: Motion
+) -> tuple[Trails, Int[np.ndarray, " node"]]:
     """Rauch-Tung-Striebel smoothing, all tracks of a frame at once.
 
     Args:
         history: of consecutive frames.
         time: (F,) of these in usual steps.
         motion: the motion model.
-        ended: whether tracks end with their last group; otherwise with the last frame.
+
+    Returns:
+        The tracks, which end with their last group, and the node of each of their rows, counted
+        over all frames.
     """
     track = np.concatenate([node.track for node in history])
     group = np.concatenate([node.group for node in history])
     first = np.cumsum([0, *(len(node.track) for node in history)])
     frame = np.repeat(np.arange(len(history)), np.diff(first))
     order = np.lexsort((frame, track))
-    if ended:
-        last_seen = np.full(track.max(initial=-1) + 1, -1)
-        np.maximum.at(last_seen, track[group >= 0], frame[group >= 0])
-        order = order[frame[order] <= last_seen[track[order]]]
+    last_seen = np.full(track.max(initial=-1) + 1, -1)
+    np.maximum.at(last_seen, track[group >= 0], frame[group >= 0])
+    order = order[frame[order] <= last_seen[track[order]]]
     rows = len(order)
     row_of = np.full(len(track), -1)
     row_of[order] = np.arange(rows)
@@ -360,7 +362,7 @@ def smooth(
             mean[early] += np.einsum("tij,tj->ti", G, more_mean)
             covariance[early] += G @ more_cov @ G.transpose(0, 2, 1)
         trails.mean[row], trails.covariance[row] = mean, covariance
-    return trails
+    return trails, order
 
 
 def unlinked(frame: np.ndarray, state: np.ndarray, covariance: np.ndarray) -> Trails:

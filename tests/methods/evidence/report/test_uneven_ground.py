@@ -7,7 +7,7 @@ from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._measurement import start_noise
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
-from catfree.methods.evidence.report._uneven_ground import ground_shift
+from catfree.methods.evidence.report._uneven_ground import ground_shift, usual_shift
 from catfree.methods.evidence.track._tracking import Trails
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, measured, walk
 
@@ -73,3 +73,15 @@ def test_reported_positions_are_as_sure_as_the_settings_ask():
     sigma = np.sqrt(np.linalg.eigvalsh(solution.position_covariance[solution.kept]).max(1))
     assert solution.kept.any()
     assert (sigma < EvidenceSettings().report_radius).all()
+
+
+def test_the_usual_shift_is_the_median_of_where_the_track_is_seen():
+    """Two tracks: of the first, one instant is a chance match and one is a gap."""
+    track, group = np.array([0, 0, 0, 0, 0, 1]), np.array([0, 1, 2, -1, 3, 4])
+    frame = np.array([0, 1, 2, 3, 4, 0])
+    trails = Trails(track, frame, group, np.zeros((6, 5)), np.zeros((6, 5, 5)))
+    shift = np.array([[1, 0], [0, 2.0], [9, 9], [0, 0], [-1.5, 0], [7, 0]])
+    usual = usual_shift(trails, shift, reach=4)
+    np.testing.assert_array_equal(usual, [[-1.5, 0]] * 5 + [[7, 0]])
+    alone = usual_shift(trails, shift, reach=0)
+    np.testing.assert_array_equal(alone[group >= 0], shift[group >= 0])
