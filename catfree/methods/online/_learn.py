@@ -12,10 +12,7 @@ from catfree.methods.evidence.group._appearance import (
     Likeness,
     learn_ratios,
 )
-from catfree.methods.evidence.learn._self_calibration import (
-    learn_once_more,
-    self_calibrate,
-)
+from catfree.methods.evidence.learn._self_calibration import self_calibrate
 from catfree.methods.evidence.passes._group_boxes import group_boxes
 from catfree.methods.evidence.passes._observe_boxes import observe_boxes
 from catfree.methods.evidence.passes._weigh_groups import weigh_groups
@@ -25,7 +22,7 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 from catfree.types._sampling import evenly_spread
 
-SETTLED = 64  # instants of the sample after which noise changes little: the limit of batch is 60
+SETTLED = 64  # instants after which those before are not counted again: the limit of batch is 60
 INTERVAL = 512  # instants between later looks at noise, so that it follows slow changes
 WIDEST_SPACING = 32  # instants of the sample are at most so far apart: older ones are forgotten
 MEMORY = 2000.0  # instants after which a count weighs less by a factor of e
@@ -84,7 +81,7 @@ def _present(sample: Detections) -> set[str]:
 def is_due(count: int) -> bool:
     """Return whether to learn noise before an instant: often at first, then ever more rarely."""
     doubled = count & (count - 1) == 0
-    return count > 0 and (doubled if count <= SETTLED else count % INTERVAL == 0)
+    return count > 0 and (doubled if count <= INTERVAL else count % INTERVAL == 0)
 
 
 def learn_noise_and_unit(
@@ -95,14 +92,7 @@ def learn_noise_and_unit(
     if len(sample) == 0:
         return state
     try:
-        if state.count <= SETTLED or np.isnan(learned.unit):
-            unit, noise = self_calibrate(sample, scene, settings)
-        elif settings.self_calibrate:
-            unit, noise = learn_once_more(
-                sample, scene, float(learned.unit), learned.noise, settings
-            )
-        else:
-            return state
+        unit, noise = self_calibrate(sample, scene, settings)
     except InsufficientDataError:  # no whole person on the ground yet
         return state
     seen = observe_boxes(sample, scene, unit, noise, settings, state.missing)

@@ -51,7 +51,7 @@ class Tracker:
     """Track people instant by instant: positions of now, and final ones of `time - lag`.
 
     Each call of `update` takes the boxes of one instant. Noise, detection rates and the usual speed
-    are learned on the way, from the boxes of some of the last instants: after 1, 2, 4 to 64
+    are learned on the way, from the boxes of some of the last instants: after 1, 2, 4 to 512
     instants and then after every 512. Such a call takes up to a few seconds, all others take
     milliseconds. There are no threads and no clock inside: time is that of the data.
 

@@ -206,7 +206,7 @@ def test_the_state_does_not_grow():
 
 def test_learning_becomes_rare():
     due = [k for k in range(10_000) if is_due(k)]
-    assert due[:7] == [1, 2, 4, 8, 16, 32, 64]
+    assert due[:12] == [1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 1536]
     assert len(due) < 30
     assert WIDEST_SPACING * 60 < 2000
 

@@ -50,15 +50,6 @@ def self_calibrate(detections: Detections, scene: Scene, settings: EvidenceSetti
     return learned
 
 
-def learn_once_more(
-    detections: Detections, scene: Scene, unit: float, noise: Noise, settings: EvidenceSettings
-) -> Learned:
-    """One more round of `self_calibrate`, from what was learned before."""
-    detections = _subset(detections, settings.calibration_frames)
-    boxes = prepare_boxes(detections, scene.rig, settings)
-    return _learn_round(boxes, scene, Learned(unit, noise), settings)[0]
-
-
 def _learn_round(
     boxes: Boxes, scene: Scene, learned: Learned, settings: EvidenceSettings
 ) -> tuple[Learned, float]:
