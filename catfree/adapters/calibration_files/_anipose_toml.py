@@ -11,14 +11,14 @@ from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    named_rig,
+    rig_of,
     writable_cameras,
 )
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
-    numbers,
+    naming_file,
     numbers_of,
     text_of,
     write_text_atomically,
@@ -56,32 +56,28 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     scale = as_positive(metres_per_unit, "metres_per_unit")
     source = as_path(path, "path")
     document = read_toml(source, "calibration", largest=_LARGEST_FILE, dots=_MOST_DOTS)
-    cameras = {key: value for key, value in document.items() if _is_camera(value)}
-    if not cameras:
-        raise FileFormatError(f"{source} holds no camera (a table with a 'matrix').")
-    file_cameras = []
-    for key, camera in cameras.items():
-        where = f"camera [{shortened(key)}]"
-        fisheye = camera.get("fisheye", False)
-        if not isinstance(fisheye, bool):
-            raise FileFormatError(
-                f"{source}: fisheye of {where} is {quoted(fisheye)}; it must be true or false."
-            )
-        lens = Lens.FISHEYE if fisheye else Lens.PINHOLE
-        K = numbers_of(camera, "matrix", (3, 3), source, where)
-        size = numbers_of(camera, "size", (2,), source, where)
-        rotation = entry(camera, "rotation", source, where)
-        R = rotation_from_vector(rotation, source, f"rotation of {where}")
-        t = numbers_of(camera, "translation", (3,), source, where)
-        values = camera.get("distortions", [])
-        coefficients = numbers(values, None, source, f"distortions of {where}")
-        distortion = lens_coefficients(coefficients, source, where, lens)
-        file_cameras.append(FileCamera(K, R, t * scale, size, distortion, lens))
-    names = tuple(
-        text_of(camera.get("name", key), source, f"the name of camera [{shortened(key)}]")
-        for key, camera in cameras.items()
-    )
-    return named_rig(file_cameras, names, source)
+    names, cameras = [], []
+    with naming_file(source):
+        for key, camera in document.items():
+            if not _is_camera(camera):
+                continue
+            where = f"camera [{shortened(key)}]"
+            fisheye = camera.get("fisheye", False)
+            if not isinstance(fisheye, bool):
+                raise FileFormatError(
+                    f"fisheye of {where} is {quoted(fisheye)}; it must be true or false."
+                )
+            lens = Lens.FISHEYE if fisheye else Lens.PINHOLE
+            K = numbers_of(camera, "matrix", (3, 3), where)
+            size = numbers_of(camera, "size", (2,), where)
+            R = rotation_from_vector(entry(camera, "rotation", where), f"rotation of {where}")
+            t = numbers_of(camera, "translation", (3,), where) * scale
+            distortion = lens_coefficients(camera.get("distortions", []), where, lens)
+            cameras.append(FileCamera(K, R, t, size, distortion, lens))
+            names.append(text_of(camera.get("name", key), f"the name of {where}"))
+        if not names:
+            raise FileFormatError("the file holds no camera (a table with a 'matrix').")
+        return NamedRig(rig_of(cameras), tuple(names))
 
 
 def write_anipose_toml(

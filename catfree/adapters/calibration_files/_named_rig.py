@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from catfree.adapters.files._camera_names import numbered_names
-from catfree.adapters.files._documents import StrPath, naming_file
+from catfree.adapters.files._documents import StrPath
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Lens, Rig
 from catfree.types._validation import require_instance, require_names
@@ -53,8 +53,8 @@ class FileCamera(NamedTuple):
         return self.K @ np.column_stack([self.R, self.t])
 
 
-def rig_of(cameras: Sequence[FileCamera], source: StrPath) -> Rig:
-    """Join the cameras of a file to a rig; errors name the file."""
+def rig_of(cameras: Sequence[FileCamera]) -> Rig:
+    """Join the cameras of a file to a rig."""
     K, R, t, size, distortion, lens, registered, rays = zip(*cameras, strict=True)
     K, R, t, size, distortion = (np.stack(part) for part in (K, R, t, size, distortion))
     coefficients = None
@@ -62,22 +62,9 @@ def rig_of(cameras: Sequence[FileCamera], source: StrPath) -> Rig:
         coefficients = distortion if distortion[:, 5:].any() else distortion[:, :5]
     grids = [grid for grid in rays if grid is not None]
     if len({grid.shape for grid in grids}) > 1:
-        raise FileFormatError(f"{source}: the cameras' rays have different numbers of nodes.")
+        raise FileFormatError("the cameras' rays have different numbers of nodes.")
     grids = [np.zeros_like(grids[0]) if grid is None else grid for grid in rays] if grids else None
-    with naming_file(source):
-        return Rig(K, R, t, size, coefficients, registered, lens, grids)
-
-
-def named_rig(
-    cameras: Sequence[FileCamera],
-    names: Sequence[str],
-    source: StrPath,
-    points: np.ndarray | None = None,
-) -> "NamedRig":
-    """Join the cameras of a file to a rig with names; errors name the file."""
-    rig = rig_of(cameras, source)
-    with naming_file(source):
-        return NamedRig(rig, tuple(names), points)
+    return Rig(K, R, t, size, coefficients, registered, lens, grids)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
