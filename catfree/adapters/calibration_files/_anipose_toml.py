@@ -1,5 +1,6 @@
 """The `calibration.toml` that aniposelib, Pose2Sim, FreeMoCap and Caliscope exchange."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -106,15 +107,16 @@ def write_anipose_toml(
     scale = as_positive(metres_per_unit, "metres_per_unit")
     lines = []
     for at, (name, camera) in enumerate(writable_cameras(rig, names, path)):
-        width, height = camera.image_size
+        # Texts and lists of numbers are written in TOML as in JSON, but for the character DEL.
+        label = json.dumps(name, ensure_ascii=False).replace("\x7f", "\\u007F")
         lines += [
             f"[cam_{at}]",
-            f"name = {_toml_string(name)}",
-            f"size = [{width}, {height}]",
-            f"matrix = [{', '.join(_toml_row(row) for row in camera.K)}]",
-            f"distortions = {_toml_row(camera.coefficients)}",
-            f"rotation = {_toml_row(Rotation.from_matrix(camera.R).as_rotvec())}",
-            f"translation = {_toml_row(camera.t / scale)}",
+            f"name = {label}",
+            f"size = {np.asarray(camera.image_size).tolist()}",
+            f"matrix = {camera.K.tolist()}",
+            f"distortions = {camera.coefficients.tolist()}",
+            f"rotation = {Rotation.from_matrix(camera.R).as_rotvec().tolist()}",
+            f"translation = {(camera.t / scale).tolist()}",
             f"fisheye = {str(camera.lens == Lens.FISHEYE).lower()}",
             "",
         ]
@@ -123,20 +125,3 @@ def write_anipose_toml(
 
 def _is_camera(value: Any) -> bool:
     return isinstance(value, dict) and not {"matrix", "rotation", "translation"}.isdisjoint(value)
-
-
-def _toml_row(values: np.ndarray) -> str:
-    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
-
-
-def _toml_string(text: str) -> str:
-    """Format a TOML basic string, escaping quote, backslash and control characters."""
-    return '"' + "".join(_toml_character(letter) for letter in text) + '"'
-
-
-def _toml_character(letter: str) -> str:
-    if letter in '"\\':
-        return "\\" + letter
-    if ord(letter) < 0x20 or ord(letter) == 0x7F:
-        return f"\\u{ord(letter):04X}"
-    return letter
