@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
+    lens_coefficients,
+    rotation_from_vector,
     writable_cameras,
 )
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_cameras
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._camera_names import file_names
 from catfree.adapters.files._documents import (
     StrPath,

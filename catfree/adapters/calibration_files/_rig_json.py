@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
     default_names,
+    lens_coefficients,
     rig_of,
 )
 from catfree.adapters.files._documents import (

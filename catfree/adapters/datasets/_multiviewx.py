@@ -5,9 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
+from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of, rotation_from_vector
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
     Annotations,
     Grid,

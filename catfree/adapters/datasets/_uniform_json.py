@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
-from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
+from catfree.adapters.calibration_files._named_rig import FileCamera, lens_coefficients, rig_of
 from catfree.adapters.datasets._sequence import (
     MultiViewSequence,
     metric_scene,

@@ -2,10 +2,13 @@
 
 from pathlib import Path
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
-from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
+from catfree.adapters.calibration_files._named_rig import (
+    FileCamera,
+    lens_coefficients,
+    rig_of,
+    rotation_from_vector,
+)
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
     Grid,
     GridDataSet,

@@ -20,8 +20,7 @@ from catfree.adapters import (
     write_opencv_yaml,
     write_rig_json,
 )
-from catfree.adapters.calibration_files._named_rig import default_names
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
+from catfree.adapters.calibration_files._named_rig import default_names, rotation_from_vector
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.synthetic import make_layout
 from catfree.types import Lens

@@ -5,7 +5,7 @@ The readers of text and binary files share them.
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
+from catfree.adapters.calibration_files._named_rig import lens_coefficients
 from catfree.errors import FileFormatError, shortened
 from catfree.types import Lens
 
