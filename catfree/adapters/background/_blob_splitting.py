@@ -92,39 +92,34 @@ def split_blob(
     """
     import cv2
 
-    anywhere = _candidates(blob.shape, box, profile)
-    near = [_around(person) for person in expected]
-    candidates = np.concatenate([np.stack(p, -1) for p in (anywhere, *near)])
-    if not len(candidates):
+    places = [_candidates(blob.shape, box, profile), *map(_around, expected)]
+    every = np.concatenate(places, axis=1)
+    if not every.size:
         return []
     # Only the part of the picture that a template can reach is processed.
-    x, y, window = _window(blob, candidates)
-    table = cv2.integral(window)
-    grids = [_Templates(table, u - x, v - y, height) for u, v, height in (anywhere, *near)]
+    x, y, window = _window(blob, every)
+    table, corner = cv2.integral(window), np.array([[x], [y], [0]])
+    grids = [_Templates(table, place - corner) for place in places]
     people = _settle_expected(window, grids[1:], [(e.u - x, e.v - y) for e in expected])
-    if grids[0].count:
+    if places[0].size:
         people = _split(window, grids[0], people)
     return [person._replace(u=person.u + x, v=person.v + y) for person in people]
 
 
 class _Templates:
-    """Body templates of given heights at many places of one blob."""
+    """Body templates at many places of one blob: u, v and height, as `Person` has them."""
 
     def __init__(
-        self,
-        table: Int[np.ndarray, "rows columns"],
-        u: Float[np.ndarray, " n"],
-        v: Float[np.ndarray, " n"],
-        height: Float[np.ndarray, " n"],
+        self, table: Int[np.ndarray, "rows columns"], place: Float[np.ndarray, "3 n"]
     ) -> None:
         """Lay out the templates on a blob's table of sums."""
-        self.u, self.v, self.height, self.count = u, v, height, len(u)
-        self._corners, inside = _corners(table.shape, u, v, height)
+        self.place = place
+        self._corners, inside = _corners(table.shape, place)
         filled = _SHARES[:, None] * inside[: len(ZONES)]
         missing = np.maximum(filled - _sums(table, self._corners[:, : len(ZONES)]), 0)
         self._filled, self._missing = filled, MISSING_COST * missing.sum(axis=0)
         # A template mostly outside the picture explains little.
-        self._size = np.maximum(filled.sum(axis=0), 0.5 * _TEMPLATE_AREA * height**2)
+        self._size = np.maximum(filled.sum(axis=0), 0.5 * _TEMPLATE_AREA * place[2] ** 2)
 
     def gains(
         self, unexplained: UInt8[np.ndarray, "h w"], rows: Int[np.ndarray, " m"] | slice
@@ -151,7 +146,7 @@ class _Templates:
         at = int(np.argmax(gain - cost))
         if gain[at] < LEAST_GAIN:
             return None
-        u, v, height = (float(values[rows][at]) for values in (self.u, self.v, self.height))
+        u, v, height = self.place[:, rows][:, at].tolist()
         return Person(u, v, height, float(gain[at]))
 
 
@@ -180,7 +175,8 @@ def _settle(
     for person in people[len(known) :]:
         others = [other for other in settled if other is not person]
         unexplained = _without(blob, others)
-        distance = np.hypot(templates.u - person.u, templates.v - person.v)
+        u, v, _ = templates.place
+        distance = np.hypot(u - person.u, v - person.v)
         moved = templates.best(unexplained, np.flatnonzero(distance < 0.3 * person.height))
         settled = others if moved is None else [*others, moved]
     return settled
@@ -193,21 +189,23 @@ def _settle_expected(
 ) -> list[Person]:
     """Move each expected person to where it explains most given the others, or drop it."""
     people: list[Person | None] = [
-        Person(u, v, float(grid.height[0]), 1.0) for grid, (u, v) in zip(grids, places, strict=True)
+        Person(u, v, float(grid.place[2, 0]), 1.0)
+        for grid, (u, v) in zip(grids, places, strict=True)
     ]
     for _ in range(2):
         for index, (grid, (u, v)) in enumerate(zip(grids, places, strict=True)):
             if people[index] is None:
                 continue
             others = [one for at, one in enumerate(people) if one is not None and at != index]
-            square = ((grid.u - u) ** 2 + (grid.v - v) ** 2) / grid.height**2
+            columns, lines, height = grid.place
+            square = ((columns - u) ** 2 + (lines - v) ** 2) / height**2
             people[index] = grid.best(_without(blob, others), cost=EXPECTED_COST * square)
     return [person for person in people if person is not None]
 
 
 def _candidates(
     shape: tuple[int, ...], box: Int[np.ndarray, "4"], profile: HeightProfile
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+) -> Float[np.ndarray, "3 n"]:
     """List foot pixels on a grid, with heights, at which a template meets the blob's box."""
     x1, y1, x2, y2 = (int(side) for side in box)
     # Feet may be hidden below the blob, but by less than the length of a body.
@@ -217,12 +215,10 @@ def _candidates(
     height = profile(u, v)
     # Crowns are on the blob, between its upper and its lower edge.
     keep = (height >= 8) & (v - height >= y1 - 0.06 * height) & (v - height < y2)
-    return u[keep], v[keep], height[keep]
+    return np.stack([u, v, height])[:, keep]
 
 
-def _around(
-    person: Expected,
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def _around(person: Expected) -> Float[np.ndarray, "3 n"]:
     """List foot pixels on a small grid around an expected person, with the height."""
     step = max(1.0, EXPECTED_STEP * person.height)
     count = round(EXPECTED_REACH * person.height / step)
@@ -230,14 +226,14 @@ def _around(
         step * np.arange(-count, count + 1), step * np.arange(-(count // 2), count // 2 + 1)
     )
     u, v = person.u + du.ravel(), person.v + dv.ravel()
-    return u, v, np.full(len(u), person.height)
+    return np.stack([u, v, np.full(len(u), person.height)])
 
 
 def _window(
-    blob: UInt8[np.ndarray, "h w"], candidates: Float[np.ndarray, "n 3"]
+    blob: UInt8[np.ndarray, "h w"], candidates: Float[np.ndarray, "3 n"]
 ) -> tuple[int, int, UInt8[np.ndarray, "y x"]]:
     """Cut out the part of a picture that templates can reach, with its first column and row."""
-    u, v, height = candidates.T
+    u, v, height = candidates
     rows, columns = blob.shape
     x1, x2 = (u - 0.25 * height).min(), (u + 0.25 * height).max()
     y1, y2 = (v - 1.15 * height).min(), (v + 0.15 * height).max()
@@ -247,16 +243,14 @@ def _window(
 
 
 def _corners(
-    shape: tuple[int, ...],
-    u: Float[np.ndarray, " n"],
-    v: Float[np.ndarray, " n"],
-    height: Float[np.ndarray, " n"],
+    shape: tuple[int, ...], place: Float[np.ndarray, "3 n"]
 ) -> tuple[Int[np.ndarray, "4 z n"], Float[np.ndarray, "z n"]]:
     """Index all zones' corners in a flat table of sums, and count their pixels in the picture.
 
     Zones first, their surroundings last.
     """
     rows, columns = shape
+    u, v, height = place
     left, right, top, bottom = _EDGES
     x1, x2 = (_whole(u + side * height, columns) for side in (left, right))
     y1, y2 = (_whole(v - (1 - side) * height, rows) for side in (top, bottom))

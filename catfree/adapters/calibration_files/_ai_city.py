@@ -10,7 +10,7 @@ import numpy as np
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    named_rig,
+    rig_of,
     writable_cameras,
 )
 from catfree.adapters.calibration_files._projection_matrices import decomposed
@@ -18,6 +18,7 @@ from catfree.adapters.files._documents import (
     StrPath,
     entry,
     list_of,
+    naming_file,
     numbers,
     numbers_of,
     read_json,
@@ -51,34 +52,17 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
     """
     source = as_path(path, "path")
     document = read_json(source, "calibration")
-    sensors = list_of(entry(document, "sensors", source, "the file"), source, "sensors")
     names, cameras = [], []
-    for at, sensor in enumerate(sensors):
-        where = f"sensor {at}"
-        name = text_of(entry(sensor, "id", source, where), source, f"the id of {where}")
-        if sensor.get("type", "camera") != "camera":
-            continue
-        names.append(name)
-        size = _image_size(sensor, source, where) or image_size
-        if "intrinsicMatrix" in sensor and "extrinsicMatrix" in sensor:
-            K = numbers_of(sensor, "intrinsicMatrix", (3, 3), source, where)
-            pose = numbers_of(sensor, "extrinsicMatrix", None, source, where)
-            if pose.size == 16:
-                if (pose[12:] != [0, 0, 0, 1]).any():
-                    raise FileFormatError(
-                        f"{source}: the last row of extrinsicMatrix of {where} is "
-                        f"{pose[12:].tolist()}, not 0, 0, 0, 1. Transpose the matrix."
-                    )
-                pose = pose[:12]
-            pose = numbers(pose, (3, 4), source, f"extrinsicMatrix of {where}")
-            R, t = pose[:, :3], pose[:, 3]
-        else:
-            matrix = numbers_of(sensor, "cameraMatrix", (3, 4), source, where)
-            K, R, t = decomposed(matrix, source)
-        cameras.append(FileCamera(K, R, t, size))
-    if not names:
-        raise FileFormatError(f"{source} holds no camera.")
-    return named_rig(cameras, names, source)
+    with naming_file(source):
+        for at, sensor in enumerate(list_of(entry(document, "sensors"), "sensors")):
+            where = f"sensor {at}"
+            name = text_of(entry(sensor, "id", where), f"the id of {where}")
+            if sensor.get("type", "camera") == "camera":
+                names.append(name)
+                cameras.append(_camera(sensor, where, image_size))
+        if not names:
+            raise FileFormatError("the file holds no camera.")
+        return NamedRig(rig_of(cameras), tuple(names))
 
 
 def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -> Path:
@@ -123,7 +107,24 @@ def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -
     return write_text_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 
-def _image_size(sensor: dict[str, Any], source: Path, where: str) -> tuple[int, int] | None:
+def _camera(sensor: dict[str, Any], where: str, image_size: tuple[int, int]) -> FileCamera:
+    size = _image_size(sensor, where) or image_size
+    if "intrinsicMatrix" not in sensor or "extrinsicMatrix" not in sensor:
+        return FileCamera(*decomposed(numbers_of(sensor, "cameraMatrix", (3, 4), where)), size)
+    K = numbers_of(sensor, "intrinsicMatrix", (3, 3), where)
+    pose = numbers_of(sensor, "extrinsicMatrix", None, where)
+    if pose.size == 16:
+        if (pose[12:] != [0, 0, 0, 1]).any():
+            raise FileFormatError(
+                f"the last row of extrinsicMatrix of {where} is {pose[12:].tolist()}, not 0, 0, "
+                "0, 1. Transpose the matrix."
+            )
+        pose = pose[:12]
+    pose = numbers(pose, (3, 4), f"extrinsicMatrix of {where}")
+    return FileCamera(K, pose[:, :3], pose[:, 3], size)
+
+
+def _image_size(sensor: dict[str, Any], where: str) -> tuple[int, int] | None:
     attributes = sensor.get("attributes")
     listed = attributes if isinstance(attributes, list) else []
     stated = {str(one.get("name")): one.get("value") for one in listed if isinstance(one, dict)}
@@ -133,7 +134,6 @@ def _image_size(sensor: dict[str, Any], source: Path, where: str) -> tuple[int, 
     words = [str(value) for value in pair]
     if not all(word.isdecimal() and len(word) < 10 for word in words):
         raise FileFormatError(
-            f"{source}: the size of {where} is {quoted(pair[0])} x {quoted(pair[1])}, not two "
-            "whole numbers."
+            f"the size of {where} is {quoted(pair[0])} x {quoted(pair[1])}, not two whole numbers."
         )
     return int(words[0]), int(words[1])

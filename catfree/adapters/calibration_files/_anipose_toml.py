@@ -1,5 +1,6 @@
 """The `calibration.toml` that aniposelib, Pose2Sim, FreeMoCap and Caliscope exchange."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -7,18 +8,18 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    named_rig,
+    lens_coefficients,
+    rig_of,
+    rotation_from_vector,
     writable_cameras,
 )
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
-    numbers,
+    naming_file,
     numbers_of,
     text_of,
     write_text_atomically,
@@ -56,32 +57,28 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     scale = as_positive(metres_per_unit, "metres_per_unit")
     source = as_path(path, "path")
     document = read_toml(source, "calibration", largest=_LARGEST_FILE, dots=_MOST_DOTS)
-    cameras = {key: value for key, value in document.items() if _is_camera(value)}
-    if not cameras:
-        raise FileFormatError(f"{source} holds no camera (a table with a 'matrix').")
-    file_cameras = []
-    for key, camera in cameras.items():
-        where = f"camera [{shortened(key)}]"
-        fisheye = camera.get("fisheye", False)
-        if not isinstance(fisheye, bool):
-            raise FileFormatError(
-                f"{source}: fisheye of {where} is {quoted(fisheye)}; it must be true or false."
-            )
-        lens = Lens.FISHEYE if fisheye else Lens.PINHOLE
-        K = numbers_of(camera, "matrix", (3, 3), source, where)
-        size = numbers_of(camera, "size", (2,), source, where)
-        rotation = entry(camera, "rotation", source, where)
-        R = rotation_from_vector(rotation, source, f"rotation of {where}")
-        t = numbers_of(camera, "translation", (3,), source, where)
-        values = camera.get("distortions", [])
-        coefficients = numbers(values, None, source, f"distortions of {where}")
-        distortion = lens_coefficients(coefficients, source, where, lens)
-        file_cameras.append(FileCamera(K, R, t * scale, size, distortion, lens))
-    names = tuple(
-        text_of(camera.get("name", key), source, f"the name of camera [{shortened(key)}]")
-        for key, camera in cameras.items()
-    )
-    return named_rig(file_cameras, names, source)
+    names, cameras = [], []
+    with naming_file(source):
+        for key, camera in document.items():
+            if not _is_camera(camera):
+                continue
+            where = f"camera [{shortened(key)}]"
+            fisheye = camera.get("fisheye", False)
+            if not isinstance(fisheye, bool):
+                raise FileFormatError(
+                    f"fisheye of {where} is {quoted(fisheye)}; it must be true or false."
+                )
+            lens = Lens.FISHEYE if fisheye else Lens.PINHOLE
+            K = numbers_of(camera, "matrix", (3, 3), where)
+            size = numbers_of(camera, "size", (2,), where)
+            R = rotation_from_vector(entry(camera, "rotation", where), f"rotation of {where}")
+            t = numbers_of(camera, "translation", (3,), where) * scale
+            distortion = lens_coefficients(camera.get("distortions", []), where, lens)
+            cameras.append(FileCamera(K, R, t, size, distortion, lens))
+            names.append(text_of(camera.get("name", key), f"the name of {where}"))
+        if not names:
+            raise FileFormatError("the file holds no camera (a table with a 'matrix').")
+        return NamedRig(rig_of(cameras), tuple(names))
 
 
 def write_anipose_toml(
@@ -110,15 +107,16 @@ def write_anipose_toml(
     scale = as_positive(metres_per_unit, "metres_per_unit")
     lines = []
     for at, (name, camera) in enumerate(writable_cameras(rig, names, path)):
-        width, height = camera.image_size
+        # Texts and lists of numbers are written in TOML as in JSON, but for the character DEL.
+        label = json.dumps(name, ensure_ascii=False).replace("\x7f", "\\u007F")
         lines += [
             f"[cam_{at}]",
-            f"name = {_toml_string(name)}",
-            f"size = [{width}, {height}]",
-            f"matrix = [{', '.join(_toml_row(row) for row in camera.K)}]",
-            f"distortions = {_toml_row(camera.coefficients)}",
-            f"rotation = {_toml_row(Rotation.from_matrix(camera.R).as_rotvec())}",
-            f"translation = {_toml_row(camera.t / scale)}",
+            f"name = {label}",
+            f"size = {np.asarray(camera.image_size).tolist()}",
+            f"matrix = {camera.K.tolist()}",
+            f"distortions = {camera.coefficients.tolist()}",
+            f"rotation = {Rotation.from_matrix(camera.R).as_rotvec().tolist()}",
+            f"translation = {(camera.t / scale).tolist()}",
             f"fisheye = {str(camera.lens == Lens.FISHEYE).lower()}",
             "",
         ]
@@ -127,20 +125,3 @@ def write_anipose_toml(
 
 def _is_camera(value: Any) -> bool:
     return isinstance(value, dict) and not {"matrix", "rotation", "translation"}.isdisjoint(value)
-
-
-def _toml_row(values: np.ndarray) -> str:
-    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
-
-
-def _toml_string(text: str) -> str:
-    """Format a TOML basic string, escaping quote, backslash and control characters."""
-    return '"' + "".join(_toml_character(letter) for letter in text) + '"'
-
-
-def _toml_character(letter: str) -> str:
-    if letter in '"\\':
-        return "\\" + letter
-    if ord(letter) < 0x20 or ord(letter) == 0x7F:
-        return f"\\u{ord(letter):04X}"
-    return letter

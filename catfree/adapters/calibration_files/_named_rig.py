@@ -1,14 +1,16 @@
-"""The content of a calibration file: a rig, the names of its cameras, and optional points."""
+"""The content of a calibration file: cameras, or a rig with their names and optional points."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Num
+from scipy.spatial.transform import Rotation
 
 from catfree.adapters.files._camera_names import numbered_names
-from catfree.adapters.files._documents import StrPath, naming_file
+from catfree.adapters.files._documents import StrPath, numbers
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Lens, Rig
 from catfree.types._validation import require_instance, require_names
@@ -53,8 +55,57 @@ class FileCamera(NamedTuple):
         return self.K @ np.column_stack([self.R, self.t])
 
 
-def rig_of(cameras: Sequence[FileCamera], source: StrPath) -> Rig:
-    """Join the cameras of a file to a rig; errors name the file."""
+def rotation_from_vector(value: Any, where: str) -> np.ndarray:
+    """Convert a rotation vector in radians (OpenCV's Rodrigues) to a (3, 3) rotation.
+
+    Args:
+        value: what the file holds, three numbers.
+        where: the place in it, for messages.
+
+    Raises:
+        FileFormatError: if it is not three numbers.
+        InvalidInputError: if it turns by more than a full turn, as angles in degrees do.
+    """
+    vector = numbers(value, (3,), where)
+    if math.hypot(*vector) > 2 * math.pi:  # without overflow
+        raise InvalidInputError(
+            f"{where} is {vector.tolist()}, more than a full turn. A rotation vector is in "
+            "radians; convert it from degrees."
+        )
+    return Rotation.from_rotvec(vector).as_matrix()
+
+
+def lens_coefficients(value: Any, where: str, lens: Lens = Lens.PINHOLE) -> Float[np.ndarray, "8"]:
+    """Convert a list of coefficients that may be shorter than its model has, or end in zeros.
+
+    Args:
+        value: what the file holds, coefficients in OpenCV's order; none means an ideal lens.
+        where: the camera, for messages.
+        lens: `FISHEYE` for k1 to k4 of `cv2.fisheye`.
+
+    Returns:
+        (8,) float64, zero where the list ends.
+
+    Raises:
+        FileFormatError: if it holds something else, or the model has fewer that are not zero.
+        InvalidInputError: if a coefficient is not finite.
+    """
+    values = numbers(value, None, f"the distortion of {where}")
+    most = 4 if lens == Lens.FISHEYE else 8
+    if values[most:].any():
+        supported = "k1 to k4 of a fisheye" if most == 4 else "k1, k2, p1, p2, k3, k4, k5, k6"
+        raise FileFormatError(
+            f"the distortion of {where} has {len(values)} coefficients, but only {supported} are "
+            "supported (no thin-prism or tilted model). Undistort the images or calibrate again "
+            "with fewer coefficients."
+        )
+    coefficients = np.zeros(8)
+    coefficients[: min(most, len(values))] = values[:most]
+    return coefficients
+
+
+def rig_of(cameras: Sequence[FileCamera]) -> Rig:
+    """Join the cameras of a file to a rig."""
     K, R, t, size, distortion, lens, registered, rays = zip(*cameras, strict=True)
     K, R, t, size, distortion = (np.stack(part) for part in (K, R, t, size, distortion))
     coefficients = None
@@ -62,22 +113,9 @@ def rig_of(cameras: Sequence[FileCamera], source: StrPath) -> Rig:
         coefficients = distortion if distortion[:, 5:].any() else distortion[:, :5]
     grids = [grid for grid in rays if grid is not None]
     if len({grid.shape for grid in grids}) > 1:
-        raise FileFormatError(f"{source}: the cameras' rays have different numbers of nodes.")
+        raise FileFormatError("the cameras' rays have different numbers of nodes.")
     grids = [np.zeros_like(grids[0]) if grid is None else grid for grid in rays] if grids else None
-    with naming_file(source):
-        return Rig(K, R, t, size, coefficients, registered, lens, grids)
-
-
-def named_rig(
-    cameras: Sequence[FileCamera],
-    names: Sequence[str],
-    source: StrPath,
-    points: np.ndarray | None = None,
-) -> "NamedRig":
-    """Join the cameras of a file to a rig with names; errors name the file."""
-    rig = rig_of(cameras, source)
-    with naming_file(source):
-        return NamedRig(rig, tuple(names), points)
+    return Rig(K, R, t, size, coefficients, registered, lens, grids)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -6,14 +6,22 @@ and damaged files can crash the process.
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from catfree.adapters.files._documents import StrPath, numbers, parse_json, read_text
-from catfree.errors import FileFormatError, quoted
-from catfree.types._validation import as_path
+from catfree.adapters.calibration_files._named_rig import FileCamera, NamedRig, rig_of
+from catfree.adapters.files._camera_names import names_of_files
+from catfree.adapters.files._documents import (
+    StrPath,
+    naming_file,
+    numbers,
+    parse_json,
+    read_text,
+)
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types._validation import as_path, as_paths
 
 _MATRIX = "opencv-matrix"
 _YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")
@@ -88,12 +96,37 @@ def read_matrices(
         FileFormatError: if it is malformed or lacks one of the matrices.
     """
     values = read_storage(path, meaning).numbers
-    matrices = {}
-    for name, shape in shapes.items():
-        if name not in values:
-            raise FileFormatError(f"{path} ({meaning}) has no {name!r}.")
-        matrices[name] = numbers(values[name], shape, path, f"{name!r}")
-    return matrices
+    missing = [name for name in shapes if name not in values]
+    if missing:
+        raise FileFormatError(f"{path} ({meaning}) has no {missing[0]!r}.")
+    with naming_file(path):
+        return {name: numbers(values[name], shape, f"{name!r}") for name, shape in shapes.items()}
+
+
+def read_cameras(
+    paths: StrPath | Sequence[StrPath], meaning: str, camera_of: Callable[[Storage], FileCamera]
+) -> NamedRig:
+    """Read files of one camera each, which is named after its file; errors name the file.
+
+    Args:
+        paths: one file or several, in the order of the rig's cameras.
+        meaning: what they are, for messages.
+        camera_of: takes the camera from the entries of a file.
+
+    Raises:
+        InvalidInputError: if a file is missing or given twice, or a camera is invalid.
+        FileFormatError: if a file is malformed.
+    """
+    sources = as_paths(paths, "paths")
+    if not sources:
+        raise InvalidInputError("The list of calibration files is empty. Name one per camera.")
+    names, cameras = names_of_files(sources), []
+    for source in sources:
+        storage = read_storage(source, meaning)
+        with naming_file(source):
+            cameras.append(camera_of(storage))
+    with naming_file(", ".join(source.name for source in sources)):
+        return NamedRig(rig_of(cameras), tuple(names))
 
 
 def _plain_numbers(entry: Any) -> np.ndarray | None:

@@ -6,24 +6,23 @@ from pathlib import Path
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    named_rig,
+    lens_coefficients,
+    rotation_from_vector,
     writable_cameras,
 )
-from catfree.adapters.calibration_files._opencv_storage import Storage, read_storage
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
-from catfree.adapters.files._camera_names import file_names, names_of_files
+from catfree.adapters.calibration_files._opencv_storage import Storage, read_cameras
+from catfree.adapters.files._camera_names import file_names
 from catfree.adapters.files._documents import (
     StrPath,
     numbers,
     write_text_atomically,
 )
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_paths, as_positive
+from catfree.types._validation import as_positive
 
 # The names that OpenCV's own samples and common tools use for the same matrix.
 _INTRINSICS = ("K", "camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic", "M")
@@ -82,30 +81,25 @@ def read_opencv_yaml(
             coefficients.
     """
     scale = as_positive(metres_per_unit, "metres_per_unit")
-    sources = as_paths(paths, "paths")
-    if not sources:
-        raise InvalidInputError("read_opencv_yaml needs at least one file.")
-    cameras = []
-    for source in sources:
-        storage = read_storage(source, "calibration")
+
+    def camera_of(storage: Storage) -> FileCamera:
         matrices = storage.numbers
-        rotation = _first(matrices, _ROTATION, source, "rotation")
+        rotation = _first(matrices, _ROTATION, "rotation")
         if rotation.size == 3:
-            rotation = rotation_from_vector(rotation, source, "the rotation")
-        shift = _first(matrices, _TRANSLATION, source, "translation")
-        coefficients = _first(matrices, _DISTORTION, source, None)
-        lens = _lens(storage, coefficients, source)
-        camera = FileCamera(
-            numbers(_first(matrices, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"),
-            numbers(rotation, (3, 3), source, "the rotation"),
-            numbers(shift, (3,), source, "the translation") * scale,
-            _image_size(matrices, source, image_size),
-            lens_coefficients(coefficients, source, "the camera", lens),
+            rotation = rotation_from_vector(rotation, "the rotation")
+        shift = _first(matrices, _TRANSLATION, "translation")
+        coefficients = _first(matrices, _DISTORTION, None)
+        lens = _lens(storage, coefficients)
+        return FileCamera(
+            numbers(_first(matrices, _INTRINSICS, "intrinsics"), (3, 3), "K"),
+            numbers(rotation, (3, 3), "the rotation"),
+            numbers(shift, (3,), "the translation") * scale,
+            _image_size(matrices, image_size),
+            lens_coefficients(coefficients, "the camera", lens),
             lens,
         )
-        cameras.append(camera)
-    joined = ", ".join(source.name for source in sources)
-    return named_rig(cameras, names_of_files(sources), joined)
+
+    return read_cameras(paths, "calibration", camera_of)
 
 
 def write_opencv_yaml(
@@ -153,7 +147,7 @@ def write_opencv_yaml(
     return tuple(paths)
 
 
-def _lens(storage: Storage, coefficients: np.ndarray, source: Path) -> Lens:
+def _lens(storage: Storage, coefficients: np.ndarray) -> Lens:
     """The lens that a file states; four coefficients may be of either.
 
     Raises:
@@ -166,31 +160,29 @@ def _lens(storage: Storage, coefficients: np.ndarray, source: Path) -> Lens:
     is_pinhole = flag.size or any(_PINHOLE.search(text) for text in models)
     if coefficients.size == 4 and coefficients.any() and not is_pinhole:
         raise FileFormatError(
-            f"{source} has 4 distortion coefficients but does not state the lens model. For k1, "
-            "k2, p1, p2 of a pinhole, add k3 = 0 as the fifth, or the line `fisheye_model: 0`; for "
-            "k1 to k4 of cv2.fisheye, add `fisheye_model: 1`."
+            "the file has 4 distortion coefficients but does not state the lens model. For k1, k2, "
+            "p1, p2 of a pinhole, add k3 = 0 as the fifth, or the line `fisheye_model: 0`; for k1 "
+            "to k4 of cv2.fisheye, add `fisheye_model: 1`."
         )
     return Lens.PINHOLE
 
 
 def _first(
-    values: dict[str, np.ndarray], names: tuple[str, ...], source: Path, meaning: str | None
+    values: dict[str, np.ndarray], names: tuple[str, ...], meaning: str | None
 ) -> np.ndarray:
     """Return the first value that the file has; if it has none and `meaning` is given, raise."""
     matches = [values[name] for name in names if name in values]
     if not matches and meaning is not None:
-        raise FileFormatError(f"{source} has no {meaning} ({', '.join(names)}).")
+        raise FileFormatError(f"the file has no {meaning} ({', '.join(names)}).")
     return matches[0] if matches else np.empty(0)
 
 
-def _image_size(
-    values: dict[str, np.ndarray], source: Path, default: tuple[int, int] | None
-) -> np.ndarray:
-    pair = _first(values, _SIZE, source, None)
-    width, height = (_first(values, names, source, None) for names in (_WIDTH, _HEIGHT))
+def _image_size(values: dict[str, np.ndarray], default: tuple[int, int] | None) -> np.ndarray:
+    pair = _first(values, _SIZE, None)
+    width, height = (_first(values, names, None) for names in (_WIDTH, _HEIGHT))
     size = pair if pair.size else np.concatenate([width, height])
     if size.size == 0 and default is not None:
         size = np.array(default)
     if size.size != 2:
-        raise FileFormatError(f"{source} does not state the image size. Pass image_size=.")
+        raise FileFormatError("the file does not state the image size. Pass image_size=.")
     return size

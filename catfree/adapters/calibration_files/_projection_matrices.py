@@ -10,11 +10,10 @@ from scipy.linalg import rq
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    named_rig,
     writable_cameras,
 )
-from catfree.adapters.calibration_files._opencv_storage import read_storage
-from catfree.adapters.files._camera_names import file_names, names_of_files
+from catfree.adapters.calibration_files._opencv_storage import Storage, read_cameras
+from catfree.adapters.files._camera_names import file_names
 from catfree.adapters.files._documents import (
     StrPath,
     numbers,
@@ -22,7 +21,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Rig
-from catfree.types._validation import as_paths, as_positive
+from catfree.types._validation import as_positive
 from catfree.types._writing import make_folder
 
 PROJECTION = "projectionMatrix_3x4_w2p"  # world to pixel
@@ -44,19 +43,14 @@ def read_mv3dt(
         InvalidInputError: if a file is missing or given twice, or a camera is invalid.
         FileFormatError: if a file is malformed or has no such matrix.
     """
-    sources = as_paths(paths, "paths")
-    if not sources:
-        raise InvalidInputError("read_mv3dt needs at least one file.")
-    cameras = []
-    for source in sources:
-        values = read_storage(source, "camInfo").numbers
-        if PROJECTION not in values:
-            raise FileFormatError(f"{source} has no {PROJECTION!r} from the world to pixels.")
-        matrix = numbers(values[PROJECTION], (3, 4), source, PROJECTION)
-        K, R, t = decomposed(matrix, source)
-        cameras.append(FileCamera(K, R, t, image_size))
-    joined = ", ".join(source.name for source in sources)
-    return named_rig(cameras, names_of_files(sources), joined)
+
+    def camera_of(storage: Storage) -> FileCamera:
+        if PROJECTION not in storage.numbers:
+            raise FileFormatError(f"the file has no {PROJECTION!r} from the world to pixels.")
+        matrix = numbers(storage.numbers[PROJECTION], (3, 4), PROJECTION)
+        return FileCamera(*decomposed(matrix), image_size)
+
+    return read_cameras(paths, "camInfo", camera_of)
 
 
 def write_mv3dt(
@@ -100,20 +94,18 @@ def write_mv3dt(
 
 
 def decomposed(
-    projection: Float[np.ndarray, "3 4"], source: StrPath
+    projection: Float[np.ndarray, "3 4"],
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
     """Split a projection matrix of any scale into K, R and t.
 
     Raises:
-        InvalidInputError: naming the source, if it is not that of a camera at a finite place.
+        InvalidInputError: if it is not that of a camera at a finite place.
     """
     KR = projection[:, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         scale = np.cbrt(np.linalg.det(KR))
     if not (np.isfinite(scale) and abs(scale) > 1e-9 * np.abs(KR).max(initial=0) > 0):
-        raise InvalidInputError(
-            f"{source}: The projection matrix is not that of a camera at a finite place."
-        )
+        raise InvalidInputError("The projection matrix is not that of a camera at a finite place.")
     K, R = rq(KR / scale)
     sign = np.diag(np.sign(np.diag(K)))  # a positive focal length; the determinant of R is 1
     K, R = K @ sign, sign @ R

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
     default_names,
-    named_rig,
+    lens_coefficients,
+    rig_of,
 )
 from catfree.adapters.files._documents import (
     StrPath,
@@ -111,7 +111,9 @@ def read_rig_json(path: StrPath) -> NamedRig:
         FileFormatError: if the file is not JSON of this form.
     """
     source = as_path(path, "path")
-    return _read_rig(read_json(source, "rig"), source)
+    document = read_json(source, "rig")
+    with naming_file(source):
+        return _read_rig(document)
 
 
 def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
@@ -129,22 +131,22 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
     """
     source = as_path(path, "path")
     document = read_json(source, "scene")
-    named = _read_rig(document, source)
-    ground = entry(document, "ground", source, "the file")
-    normal = numbers_of(ground, "normal", (3,), source, "ground")
-    offset = numbers_of(ground, "offset", (), source, "ground")
-    extent = numbers_of(document, "extent", (), source, "the file")
-    metric = document["units"] == _UNITS[True]
-    sd = document.get("rig_sd")
-    sd = None if sd is None else float(numbers(sd, (), source, "rig_sd"))
-    earth = document.get("georeference")
-    if earth is not None:
-        names = [field.name for field in dataclasses.fields(GeoReference)]
-        values = [numbers_of(earth, name, None, source, "georeference") for name in names]
-        earth = np.concatenate(values)
     with naming_file(source):
-        georeference = None if earth is None else GeoReference.of_array(earth)
-        scene = Scene(named.rig, Plane(normal, offset), extent, metric, georeference, sd)
+        named = _read_rig(document)
+        ground = entry(document, "ground")
+        plane = Plane(
+            numbers_of(ground, "normal", (3,), "ground"), numbers_of(ground, "offset", (), "ground")
+        )
+        extent = numbers_of(document, "extent", ())
+        metric = document["units"] == _UNITS[True]
+        sd = document.get("rig_sd")
+        sd = None if sd is None else float(numbers(sd, (), "rig_sd"))
+        earth = document.get("georeference")
+        if earth is not None:
+            names = [field.name for field in dataclasses.fields(GeoReference)]
+            values = [numbers_of(earth, name, None, "georeference") for name in names]
+            earth = GeoReference.of_array(np.concatenate(values))
+        scene = Scene(named.rig, plane, extent, metric, earth, sd)
         return require_plausible_heights(scene), named.names
 
 
@@ -177,43 +179,40 @@ def _text(document: dict[str, Any]) -> str:
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
-def _read_rig(document: Any, source: Path) -> NamedRig:
-    units = entry(document, "units", source, "the file")
+def _read_rig(document: Any) -> NamedRig:
+    units = entry(document, "units")
     if units not in _UNITS.values():
         raise FileFormatError(
-            f"{source} has units {quoted(units)}; they must be 'm' or 'arbitrary'."
+            f"the file has units {quoted(units)}; they must be 'm' or 'arbitrary'."
         )
-    cameras = list_of(entry(document, "cameras", source, "the file"), source, "cameras")
-    if not cameras:
-        raise FileFormatError(f"{source} holds no camera.")
-    names, file_cameras = [], []
-    for at, camera in enumerate(cameras):
+    listed = list_of(entry(document, "cameras"), "cameras")
+    if not listed:
+        raise FileFormatError("the file holds no camera.")
+    names, cameras = [], []
+    for at, camera in enumerate(listed):
         where = f"camera {at}"
-        names.append(text_of(entry(camera, "name", source, where), source, f"the name of {where}"))
+        names.append(text_of(entry(camera, "name", where), f"the name of {where}"))
         registered = camera.get("registered", True)
         if not isinstance(registered, bool):
             raise FileFormatError(
-                f"{source}: registered of {where} ({shortened(names[-1])}) is "
-                f"{quoted(registered)}; it must be true or false."
+                f"registered of {where} ({shortened(names[-1])}) is {quoted(registered)}; it must "
+                "be true or false."
             )
         K, R, t = (
-            numbers_of(camera, key, shape, source, where, finite=registered)
+            numbers_of(camera, key, shape, where, finite=registered)
             for key, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,)))
         )
-        pair = [entry(camera, key, source, where) for key in ("width", "height")]
-        size = numbers(pair, (2,), source, f"the image size of {where}")
-        lens = _lens(camera.get("lens", "pinhole"), source, where)
+        pair = [entry(camera, key, where) for key in ("width", "height")]
+        size = numbers(pair, (2,), f"the image size of {where}")
+        lens = _lens(camera.get("lens", "pinhole"), where)
         values = camera.get("distortion") if registered else None
-        values = numbers(
-            [] if values is None else values, None, source, f"the distortion of {where}"
-        )
-        coefficients = lens_coefficients(values, source, where, lens)
-        rays = _grid(camera, registered, source, where) if lens == Lens.RAYS else None
-        file_cameras.append(FileCamera(K, R, t, size, coefficients, lens, registered, rays))
-    return named_rig(file_cameras, names, source)
+        coefficients = lens_coefficients([] if values is None else values, where, lens)
+        rays = _grid(camera, registered, where) if lens == Lens.RAYS else None
+        cameras.append(FileCamera(K, R, t, size, coefficients, lens, registered, rays))
+    return NamedRig(rig_of(cameras), tuple(names))
 
 
-def _lens(name: Any, source: Path, where: str) -> Lens:
+def _lens(name: Any, where: str) -> Lens:
     """The lens that a file names.
 
     Raises:
@@ -222,17 +221,16 @@ def _lens(name: Any, source: Path, where: str) -> Lens:
     known = {lens.name.lower(): lens for lens in Lens}
     if not isinstance(name, str) or name not in known:
         raise FileFormatError(
-            f"{source}: the lens of {where} is {quoted(name)}; it must be one of "
-            f"{', '.join(known)}."
+            f"the lens of {where} is {quoted(name)}; it must be one of {', '.join(known)}."
         )
     return known[name]
 
 
-def _grid(camera: Any, registered: bool, source: Path, where: str) -> np.ndarray:
+def _grid(camera: Any, registered: bool, where: str) -> np.ndarray:
     """(rows, columns, 3) the rays of a camera."""
-    nested = entry(camera, "rays", source, where)
+    nested = entry(camera, "rays", where)
     rows = len(nested) if isinstance(nested, list) else 0
-    values = numbers(nested, None, source, f"rays of {where}", finite=registered)
+    values = numbers(nested, None, f"rays of {where}", finite=registered)
     if not values.size or values.size % (3 * rows):
-        raise FileFormatError(f"{source}: rays of {where} must hold rows of vectors x, y, z.")
+        raise FileFormatError(f"rays of {where} must hold rows of vectors x, y, z.")
     return values.reshape(rows, -1, 3)

@@ -3,7 +3,7 @@
 import dataclasses
 import re
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from catfree.adapters.files._documents import (
     entry,
     is_whole,
     list_of,
+    naming_file,
     numbers,
     read_json,
     whole_number,
@@ -135,46 +136,47 @@ def read_annotations(
     boxes: list[tuple[int, int, int]] = []  # frame, camera, person
     corners: list[np.ndarray] = []
     truth: list[tuple[float, ...]] = []
+
+    def add(person: Any, frame: int, where: str) -> None:
+        identity, cell = (
+            whole_number(entry(person, key, where), f"{key} of {where}")
+            for key in ("personID", "positionID")
+        )
+        if not 0 <= cell < grid.columns * grid.rows:
+            raise InvalidInputError(
+                f"{where} has positionID {cell}, outside 0..{grid.columns * grid.rows - 1}."
+            )
+        is_seen = False
+        for view in list_of(entry(person, "views", where), f"views of {where}"):
+            camera = whole_number(entry(view, "viewNum", where), f"viewNum of {where}")
+            if not 0 <= camera < len(camera_names):
+                raise InvalidInputError(
+                    f"{where} has viewNum {camera}, but there are {len(camera_names)} cameras "
+                    "(counted from 0)."
+                )
+            box_name = f"the box of {where} in camera {camera_names[camera]}"
+            values = [entry(view, key, box_name) for key in _CORNERS]
+            box = numbers(values, (4,), box_name, finite=False)
+            if (box == -1).all():
+                continue
+            if not (box[2] > box[0] and box[3] > box[1] and np.isfinite(box).all()):
+                if invalid_boxes == "drop":
+                    continue
+                raise InvalidInputError(
+                    f"{box_name} is {box.tolist()} as x1, y1, x2, y2, which has no area. Correct "
+                    "it or pass invalid_boxes='drop'."
+                )
+            is_seen = True
+            boxes.append((frame, camera, identity))
+            corners.append(box)
+        if is_seen or not drop_unseen:
+            truth.append((frame, identity, *grid.position(cell)))
+
     for frame, source in files.items():
         people = read_json(source, f"annotations of frame {frame}")
-        for index, person in enumerate(list_of(people, source, "the file")):
-            where = f"person {index} of frame {frame}"
-            identity, cell = (
-                whole_number(entry(person, key, source, where), source, f"{key} of {where}")
-                for key in ("personID", "positionID")
-            )
-            if not 0 <= cell < grid.columns * grid.rows:
-                raise InvalidInputError(
-                    f"{source}: {where} has positionID {cell}, outside "
-                    f"0..{grid.columns * grid.rows - 1}."
-                )
-            views = entry(person, "views", source, where)
-            is_seen = False
-            for view in list_of(views, source, f"views of {where}"):
-                number = entry(view, "viewNum", source, where)
-                camera = whole_number(number, source, f"viewNum of {where}")
-                if not 0 <= camera < len(camera_names):
-                    raise InvalidInputError(
-                        f"{source}: {where} has viewNum {camera}, but there are "
-                        f"{len(camera_names)} cameras (counted from 0)."
-                    )
-                box_name = f"the box of {where} in camera {camera_names[camera]}"
-                values = [entry(view, key, source, box_name) for key in _CORNERS]
-                box = numbers(values, (4,), source, box_name, finite=False)
-                if (box == -1).all():
-                    continue
-                if not (box[2] > box[0] and box[3] > box[1] and np.isfinite(box).all()):
-                    if invalid_boxes == "drop":
-                        continue
-                    raise InvalidInputError(
-                        f"{source}: {box_name} is {box.tolist()} as x1, y1, x2, y2, which has no "
-                        "area. Correct it or pass invalid_boxes='drop'."
-                    )
-                is_seen = True
-                boxes.append((frame, camera, identity))
-                corners.append(box)
-            if is_seen or not drop_unseen:
-                truth.append((frame, identity, *grid.position(cell)))
+        with naming_file(source):
+            for at, person in enumerate(list_of(people, "the file")):
+                add(person, frame, f"person {at} of frame {frame}")
     index = np.array(boxes, np.int64).reshape(-1, 3)
     return Annotations(
         frames=np.array(sorted(files), np.int64),

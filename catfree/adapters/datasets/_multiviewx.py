@@ -5,9 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
+from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of, rotation_from_vector
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
     Annotations,
     Grid,
@@ -81,7 +80,6 @@ def read_multiviewx(
     """
     root = require_folder(folder, "MultiviewX")
     rig = _read_rig(root / "calibrations")
-    require_people_in_front(rig, MULTIVIEWX.grid.lattice(), root / "calibrations")
     numbers = image_numbers(root / "Image_subsets", MULTIVIEWX.camera_names)
     files = numbered_files(root / "annotations_positions", "json")
     if boxes is None:
@@ -119,7 +117,8 @@ def _read_rig(folder: Path) -> Rig:
         )
         path = folder / "extrinsic" / f"extr_Camera{camera}.xml"
         outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
-        published = rotation_from_vector(outer["rvec"], path, "'rvec'")
+        with naming_file(path):
+            published = rotation_from_vector(outer["rvec"], "'rvec'")
         if (published @ center + outer["tvec"])[2] >= 0:
             raise InvalidInputError(
                 f"{path}: camera {name} has the square at positive depth, unlike the published "
@@ -128,7 +127,10 @@ def _read_rig(folder: Path) -> Rig:
         # x = R' X' + t' with X = F X' + c mirrored, and -x is the same pixel at positive depth.
         t = published @ mirror @ shift - outer["tvec"]
         cameras.append(FileCamera(inner["camera_matrix"], -published @ mirror, t, IMAGE_SIZE))
-    return rig_of(cameras, folder)
+    with naming_file(folder):
+        rig = rig_of(cameras)
+        require_people_in_front(rig, MULTIVIEWX.grid.lattice())
+        return rig
 
 
 def first_annotation_number(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:

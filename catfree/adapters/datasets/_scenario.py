@@ -48,60 +48,56 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
     root = require_folder(folder, "scenario")
     scene, fps, frame_count = _read_scene(root / "rig.json")
     detections = _read_detections(root / "detections.npz", scene.rig.camera_count)
-    truth = read_npz(root / "gt.npz", "true positions", ("frame", "id", "xy"))
-    columns = [_rows(truth[name], at, root / "gt.npz", name) for name, at in _TRUTH.items()]
-    if len({len(column) for column in columns}) > 1:
-        raise FileFormatError(f"{root / 'gt.npz'}: frame, id and xy differ in length.")
-    ground_truth = np.concatenate(columns, axis=1)
+    arrays = read_npz(root / "gt.npz", "true positions", tuple(_TRUTH))
+    with naming_file(root / "gt.npz"):
+        columns = [_rows(arrays[name], width, name) for name, width in _TRUTH.items()]
+        if len({len(column) for column in columns}) > 1:
+            raise FileFormatError("frame, id and xy differ in length.")
     protocol = read_json(root / "eval.json", "evaluation protocol")
-    centers = (scene.rig.camera_count, 3)
-    area = numbers_of(protocol, "area", (4,), root / "eval.json", "the file")
-    x_min, x_max, y_min, y_max = area.tolist()
-    cloud = root / "cloud.npz"
+    with naming_file(root / "eval.json"):
+        x_min, x_max, y_min, y_max = numbers_of(protocol, "area", (4,)).tolist()
+        true_centers = numbers_of(protocol, "true_centres", (scene.rig.camera_count, 3))
+    cloud, points = root / "cloud.npz", None
+    if cloud.is_file():
+        stored = read_npz(cloud, "scene points", ("points",))["points"]
+        with naming_file(cloud):
+            points = _rows(stored, 3, "points")
     return MultiViewSequence(
         name=root.resolve().name,
         detections=detections,
         rig=scene.rig,
         scene=scene,
-        ground_truth=ground_truth,
+        ground_truth=np.concatenate(columns, axis=1),
         frames=np.arange(frame_count),
         camera_names=numbered_names(scene.rig.camera_count),
         fps=fps,
         evaluation_area=(x_min, x_max, y_min, y_max),
-        true_centres=numbers_of(protocol, "true_centres", centers, root / "eval.json", "the file"),
-        points=(
-            _rows(read_npz(cloud, "scene points", ("points",))["points"], 3, cloud, "points")
-            if cloud.is_file()
-            else None
-        ),
+        true_centres=true_centers,
+        points=points,
     )
 
 
-def _rows(values: np.ndarray, columns: int, source: Path, name: str) -> np.ndarray:
+def _rows(values: np.ndarray, columns: int, name: str) -> np.ndarray:
     """Reshape to (N, columns) float64."""
-    return numbers(values, (values.size // columns, columns), source, name)
+    return numbers(values, (values.size // columns, columns), name)
 
 
 def _read_scene(path: Path) -> tuple[Scene, float, int]:
     document = read_json(path, "rig")
-
-    def value(key: str, *shape: int) -> np.ndarray:
-        return numbers_of(document, key, shape, path, "the file")
-
-    count = len(list_of(entry(document, "K", path, "the file"), path, "K"))
-    K, R, t = value("K", count, 3, 3), value("R", count, 3, 3), value("t", count, 3)
-    normal, offset = value("ground_normal", 3), value("ground_offset")
-    extent = value("extent")
-    size = numbers_of(document, "image_size", None, path, "the file")
-    size = size if len(size) == 2 else value("image_size", count, 2)
     with naming_file(path):
-        fps = as_positive(float(value("fps")), "fps")
-    frames = float(value("frames"))
-    if not (0 <= frames <= _MOST_FRAMES and frames == int(frames)):
-        raise FileFormatError(f"{path}: frames is {frames}; it must be the number of frames.")
-    with naming_file(path):
+        count = len(list_of(entry(document, "K"), "K"))
+        shapes = {"K": (count, 3, 3), "R": (count, 3, 3), "t": (count, 3)}
+        K, R, t = (numbers_of(document, key, shape) for key, shape in shapes.items())
+        normal = numbers_of(document, "ground_normal", (3,))
+        offset, extent, fps, frames = (
+            numbers_of(document, key, ()) for key in ("ground_offset", "extent", "fps", "frames")
+        )
+        size = numbers_of(document, "image_size", None)
+        size = size if len(size) == 2 else numbers(size, (count, 2), "image_size of the file")
+        if not (0 <= frames <= _MOST_FRAMES and frames == np.round(frames)):
+            raise FileFormatError(f"frames is {frames}; it must be the number of frames.")
         scene = Scene(Rig(K, R, t, size), Plane(normal, offset), extent)
-    return scene, fps, int(frames)
+        return scene, as_positive(fps, "fps"), int(frames)
 
 
 def _read_detections(path: Path, camera_count: int) -> Detections:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from catfree.types import Plane, Rig, Scene
 from catfree.types._validation import as_path, as_paths, require_instance
 
 Unit = Literal["m", "cm", "mm", "ft", "arbitrary"]
+NamedScene = tuple[Scene, tuple[str, ...] | None]
 METERS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "arbitrary": 1.0}
 PER_CAMERA = (".yml", ".yaml", ".xml", ".json")
 FORMATS = (
@@ -77,18 +78,25 @@ def read_scene(
         if not source.exists():
             raise InvalidInputError(f"There is no file {source} (calibration). Check the path.")
         source = _inside(source)
-        complete = _complete(source)
-        if complete is not None:
-            return _with_ground(*complete, ground, unit, source)
-        named, stated = _rig(source, image_size)
+        found, stated = _read(source, image_size)
     else:
         source = "the calibration"
-        named, stated = _per_camera(as_paths(path, "path"), image_size), None
-    rig = named.rig
+        found, stated = _per_camera(as_paths(path, "path"), image_size), None
     if stated is not None:
-        _require_no_unit(unit, source)
+        if unit != "m":
+            raise InvalidInputError(
+                f"{source} states its unit of length; leave out the unit {unit!r}."
+            )
         unit = stated
-    scale = METERS[unit]
+    if isinstance(found, tuple):
+        scene, names = found
+        if ground is None:
+            return scene, names
+        # Another ground does not make the cameras more certain.
+        with naming_file(source):
+            other = Scene.from_rig(scene.rig, ground, scene.metric)
+        return replace(other, rig_sd=scene.rig_sd), names
+    rig, scale = found.rig, METERS[unit]
     at_zero = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
     if ground is None:
         heights = np.asarray(rig.centers)[rig.registered, 2]
@@ -101,7 +109,7 @@ def read_scene(
     scaled = replace(rig, t=np.asarray(rig.t) * scale) if scale != 1 else rig
     with naming_file(source):
         scene = Scene.from_rig(scaled, plane, metric=unit != "arbitrary")
-    return scene, named.names
+    return scene, found.names
 
 
 def require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
@@ -159,61 +167,17 @@ def _holds(path: Path, key: str) -> bool:
     return isinstance(document, dict) and key in document
 
 
-def _complete(source: Path) -> tuple[Scene, tuple[str, ...] | None] | None:
-    """Read a source that states its ground and its unit; None for any other."""
+def _read(
+    source: Path, image_size: tuple[int, int] | None
+) -> tuple[NamedRig | NamedScene, Unit | None]:
+    """Read cameras, with the ground if the source states it, and the unit if it states that."""
     if source.is_dir():
         inner = source / "calibrations"
         if inner.is_dir():
             is_wildtrack = any(inner.glob("**/*CVLab*"))
             sequence = read_wildtrack(source) if is_wildtrack else read_multiviewx(source)
             assert sequence.scene is not None
-            return sequence.scene, sequence.camera_names
-        return None
-    suffix = source.suffix.lower()
-    if suffix == ".npz":
-        return Scene.load(source), None
-    if suffix != ".json":
-        return None
-    document = read_json(source, "calibration")
-    if not isinstance(document, dict):
-        raise FileFormatError(f"{source} is not a calibration: {FORMATS}.")
-    if "ground" in document and "extent" in document:
-        return read_scene_json(source)
-    if "frames" in document:
-        sequence = read_uniform_json(source)
-        if sequence.scene is None:
-            raise InvalidInputError(
-                f"{source} has no calibration of two cameras or more (K, R, t, width, height)."
-            )
-        return sequence.scene, sequence.camera_names
-    return None
-
-
-def _with_ground(
-    scene: Scene,
-    names: tuple[str, ...] | None,
-    ground: Plane | None,
-    unit: str,
-    source: Path,
-) -> tuple[Scene, tuple[str, ...] | None]:
-    _require_no_unit(unit, source)
-    if ground is None:
-        return scene, names
-    # Another ground does not make the cameras more certain.
-    with naming_file(source):
-        other = Scene.from_rig(scene.rig, ground, scene.metric)
-    return replace(other, rig_sd=scene.rig_sd), names
-
-
-def _require_no_unit(unit: str, source: Path | str) -> None:
-    if unit != "m":
-        raise InvalidInputError(f"{source} states its unit of length; leave out the unit {unit!r}.")
-
-
-def _rig(source: Path, image_size: tuple[int, int] | None) -> tuple[NamedRig, Unit | None]:
-    """Read cameras without a ground, and the unit, if the source states it."""
-    size = {} if image_size is None else {"image_size": image_size}
-    if source.is_dir():
+            return (sequence.scene, sequence.camera_names), "m"
         if _is_model(source):
             return read_colmap(source), None
         files = files_ending(source, PER_CAMERA)
@@ -223,23 +187,41 @@ def _rig(source: Path, image_size: tuple[int, int] | None) -> tuple[NamedRig, Un
             )
         return _per_camera(files, image_size), None
     suffix = source.suffix.lower()
+    if suffix == ".npz":
+        scene = Scene.load(source)
+        return (scene, None), _unit(scene.metric)
     if suffix == ".toml":
         return read_anipose_toml(source), None
     if suffix == ".json":
-        document: Any = read_json(source, "calibration")
+        document = read_json(source, "calibration")
+        if not isinstance(document, dict):
+            raise FileFormatError(f"{source} is not a calibration: {FORMATS}.")
+        if "ground" in document and "extent" in document:
+            scene, names = read_scene_json(source)
+            return (scene, names), _unit(scene.metric)
+        if "frames" in document:
+            sequence = read_uniform_json(source)
+            if sequence.scene is None:
+                raise InvalidInputError(
+                    f"{source} has no calibration of two cameras or more (K, R, t, width, height)."
+                )
+            return (sequence.scene, sequence.camera_names), "m"
         if "sensors" in document:
+            size = {} if image_size is None else {"image_size": image_size}
             return read_ai_city(source, **size), None
         if "cameras" in document:
-            return read_rig_json(source), "m" if document["units"] == "m" else "arbitrary"
+            return read_rig_json(source), _unit(document["units"] == "m")
     if suffix in PER_CAMERA:
         return _per_camera([source], image_size), None
     raise FileFormatError(f"{source} is not a calibration that is known: {FORMATS}.")
 
 
+def _unit(metric: bool) -> Unit:
+    return "m" if metric else "arbitrary"
+
+
 def _per_camera(files: list[Path], image_size: tuple[int, int] | None) -> NamedRig:
     """Read one file per camera, of OpenCV or of MV3DT."""
-    if not files:
-        raise InvalidInputError("The list of calibration files is empty. Name one per camera.")
-    if PROJECTION in read_text(files[0], "calibration"):
+    if files and PROJECTION in read_text(files[0], "calibration"):
         return read_mv3dt(files) if image_size is None else read_mv3dt(files, image_size)
     return read_opencv_yaml(files, image_size=image_size)

@@ -96,7 +96,7 @@ def metric_scene(rig: Rig) -> Scene:
     return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
 
 
-def require_people_in_front(rig: Rig, positions: np.ndarray, source: Path | str) -> None:
+def require_people_in_front(rig: Rig, positions: np.ndarray) -> None:
     """Raise if every camera has most of the true positions behind it.
 
     This indicates a left-handed world or camera-to-world extrinsics.
@@ -104,10 +104,9 @@ def require_people_in_front(rig: Rig, positions: np.ndarray, source: Path | str)
     Args:
         rig: the cameras, meters, z up.
         positions: (G, 2) true x, y on the ground z = 0 in meters; zero rows pass.
-        source: file or folder for the message.
 
     Raises:
-        InvalidInputError: naming the source.
+        InvalidInputError: naming the share of them.
     """
     if len(positions) == 0 or rig.camera_count == 0:
         return
@@ -116,7 +115,7 @@ def require_people_in_front(rig: Rig, positions: np.ndarray, source: Path | str)
     behind = (depth <= 0).mean(-1)
     if (behind > 0.5).all():
         raise InvalidInputError(
-            f"{source} puts {100 * behind.min():.0f} % or more of the annotated positions behind "
-            "every camera: its world is mirrored or its extrinsics are camera-to-world instead of "
-            "x_camera = R x + t."
+            f"the calibration puts {100 * behind.min():.0f} % or more of the annotated positions "
+            "behind every camera: its world is mirrored or its extrinsics are camera-to-world "
+            "instead of x_camera = R x + t."
         )

@@ -2,10 +2,13 @@
 
 from pathlib import Path
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
-from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
+from catfree.adapters.calibration_files._named_rig import (
+    FileCamera,
+    lens_coefficients,
+    rig_of,
+    rotation_from_vector,
+)
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
     Grid,
     GridDataSet,
@@ -15,7 +18,7 @@ from catfree.adapters.datasets._grid_annotations import (
     read_annotations,
 )
 from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
-from catfree.adapters.files._documents import StrPath, require_folder
+from catfree.adapters.files._documents import StrPath, naming_file, require_folder
 from catfree.types import Rig
 
 # Folder C1 holds the images of the camera that calibration files call CVLab1, and so on.
@@ -77,7 +80,6 @@ def read_wildtrack(
     """
     root = require_folder(folder, "WildTrack")
     rig = _read_rig(root / "calibrations", undistorted)
-    require_people_in_front(rig, WILDTRACK.grid.lattice(), root / "calibrations")
     files = numbered_files(root / "annotations_positions", "json")
     people = read_annotations(
         files, WILDTRACK, invalid_boxes=invalid_boxes, drop_unseen=drop_unseen
@@ -94,10 +96,14 @@ def _read_rig(folder: Path, undistorted: bool) -> Rig:
             f"intrinsics of camera {name}",
             {"camera_matrix": (3, 3), "distortion_coefficients": (5,)},
         )
+        lens = lens_coefficients(inner["distortion_coefficients"], f"camera {name}")
         path = folder / "extrinsic" / f"extr_{label}.xml"
         outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
-        R = rotation_from_vector(outer["rvec"], path, "'rvec'")
+        with naming_file(path):
+            R = rotation_from_vector(outer["rvec"], "'rvec'")
         t = outer["tvec"] * _METERS_PER_UNIT
-        lens = lens_coefficients(inner["distortion_coefficients"], path, f"camera {name}")
         cameras.append(FileCamera(inner["camera_matrix"], R, t, IMAGE_SIZE, lens))
-    return rig_of(cameras, folder)
+    with naming_file(folder):
+        rig = rig_of(cameras)
+        require_people_in_front(rig, WILDTRACK.grid.lattice())
+        return rig

@@ -1,4 +1,7 @@
-"""Reading of text, JSON and array files with clear errors, and atomic writing."""
+"""Reading of text, JSON and array files with clear errors, and atomic writing.
+
+Errors in the entries of a document name their place in it; readers add the file by `naming_file`.
+"""
 
 import contextlib
 import json
@@ -24,17 +27,17 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 _LARGEST_WHOLE = 2**53
 
 
-def parse_numbers(words: Sequence[str], source: StrPath, where: str) -> list[float]:
+def parse_numbers(words: Sequence[str], where: str) -> list[float]:
     """Return the numbers of a line of text.
 
     Raises:
-        FileFormatError: naming the file and the place in it.
+        FileFormatError: naming the place.
     """
     try:
         return [float(word) for word in words]
     except ValueError as error:
         raise FileFormatError(
-            f"{source}: {where} has a value that is not a number: {quoted(error)}."
+            f"{where} has a value that is not a number: {quoted(error)}."
         ) from error
 
 
@@ -181,38 +184,38 @@ def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, n
     return arrays
 
 
-def entry(mapping: Any, key: str, source: StrPath, where: str) -> Any:
+def entry(mapping: Any, key: str, where: str = "the file") -> Any:
     """Return one required entry of a parsed document.
 
     Raises:
-        FileFormatError: naming the file, the place in it and the missing key.
+        FileFormatError: naming the place and the missing key.
     """
     if not isinstance(mapping, dict):
-        raise FileFormatError(f"{source}: {where} must be an object with named entries.")
+        raise FileFormatError(f"{where} must be an object with named entries.")
     if key not in mapping:
-        raise FileFormatError(f"{source}: {where} has no {quoted(key)}.")
+        raise FileFormatError(f"{where} has no {quoted(key)}.")
     return mapping[key]
 
 
-def text_of(value: Any, source: StrPath, where: str) -> str:
+def text_of(value: Any, where: str) -> str:
     """Return a name that a parsed document gives as a string or a number.
 
     Raises:
-        FileFormatError: naming the file and the place in it.
+        FileFormatError: naming the place.
     """
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise FileFormatError(f"{source}: {where} is {quoted(value)}, not a name.")
+        raise FileFormatError(f"{where} is {quoted(value)}, not a name.")
     return value if isinstance(value, str) else quoted(value)
 
 
-def list_of(value: Any, source: StrPath, where: str) -> list[Any]:
+def list_of(value: Any, where: str) -> list[Any]:
     """Return a list of a parsed document.
 
     Raises:
-        FileFormatError: naming the file and the place in it.
+        FileFormatError: naming the place.
     """
     if not isinstance(value, list):
-        raise FileFormatError(f"{source}: {where} must be a list, got {quoted(value)}.")
+        raise FileFormatError(f"{where} must be a list, got {quoted(value)}.")
     return value
 
 
@@ -222,16 +225,14 @@ def is_whole(value: Any) -> bool:
     return number and abs(value) <= _LARGEST_WHOLE and value == int(value)
 
 
-def whole_number(value: Any, source: StrPath, where: str) -> int:
+def whole_number(value: Any, where: str) -> int:
     """Return a whole number of a parsed document.
 
     Raises:
-        FileFormatError: naming the file and the place in it.
+        FileFormatError: naming the place.
     """
     if not is_whole(value):
-        raise FileFormatError(
-            f"{source}: {where} is {quoted(value)}, not a whole number of at most 2^53."
-        )
+        raise FileFormatError(f"{where} is {quoted(value)}, not a whole number of at most 2^53.")
     return int(value)
 
 
@@ -239,8 +240,7 @@ def numbers_of(
     mapping: Any,
     key: str,
     shape: tuple[int, ...] | None,
-    source: StrPath,
-    where: str,
+    where: str = "the file",
     *,
     finite: bool = True,
 ) -> np.ndarray:
@@ -250,17 +250,12 @@ def numbers_of(
         FileFormatError: as `entry` and `numbers`.
         InvalidInputError: as `numbers`.
     """
-    value = entry(mapping, key, source, where)
-    return numbers(value, shape, source, f"{key} of {where}", finite=finite)
+    value = entry(mapping, key, where)
+    return numbers(value, shape, f"{key} of {where}", finite=finite)
 
 
 def numbers(
-    value: Any,
-    shape: tuple[int, ...] | None,
-    source: StrPath,
-    where: str,
-    *,
-    finite: bool = True,
+    value: Any, shape: tuple[int, ...] | None, where: str, *, finite: bool = True
 ) -> np.ndarray:
     """Convert to a float64 array of this shape; nested and flat lists are both accepted.
 
@@ -269,27 +264,25 @@ def numbers(
     Args:
         value: what the file holds.
         shape: of the result; None stands for a list of any length.
-        source: the file, for messages.
-        where: the place in it, for messages.
+        where: the place in the file, for messages.
         finite: whether NaN and infinity are errors; otherwise the caller checks for them.
 
     Raises:
-        FileFormatError: naming the file and the place in it.
+        FileFormatError: naming the place.
         InvalidInputError: if a number is not finite.
     """
     try:
         array = np.asarray(as_float(value), np.float64)
     except InvalidInputError as error:
-        raise FileFormatError(f"{source}: {where} must hold numbers only.") from error
+        raise FileFormatError(f"{where} must hold numbers only.") from error
     if finite and not np.isfinite(array).all():
-        raise InvalidInputError(f"{source}: {where} is not finite. Correct or remove it.")
+        raise InvalidInputError(f"{where} is not finite. Correct or remove it.")
     if shape is None:
         return array.ravel()
     given, wanted = (tuple(n for n in sides if n != 1) for sides in (array.shape, shape))
     if array.size != int(np.prod(shape)) or (len(given) == len(wanted) and given != wanted):
         raise FileFormatError(
-            f"{source}: {where} must hold {' x '.join(map(str, shape))} numbers, "
-            f"got shape {array.shape}."
+            f"{where} must hold {' x '.join(map(str, shape))} numbers, got shape {array.shape}."
         )
     return array.reshape(shape)
 

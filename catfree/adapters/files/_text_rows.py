@@ -137,7 +137,7 @@ def read_rows(
             raise FileFormatError(
                 f"{path} ({meaning}): line {line} has {len(words)} columns instead of {wanted}."
             )
-        rows.append(parse_numbers(words, path, f"line {line}"))
+        rows.append(parse_numbers(words, f"{path}: line {line}"))
         lines.append(line)
     table = np.array(rows, np.float64).reshape(len(rows), -1 if rows else columns[0])
     bad = ~np.isfinite(table).all(axis=1)

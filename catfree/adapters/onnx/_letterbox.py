@@ -89,15 +89,9 @@ class Letterbox:
 
     def intrinsics_to_original(self, K: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
         """Map intrinsics from input pixels to original pixels."""
-        inverse = np.array(
-            [
-                [1 / self.gain[0], 0, -self.pad[0] / self.gain[0]],
-                [0, 1 / self.gain[1], -self.pad[1] / self.gain[1]],
-                [0, 0, 1],
-            ],
-            K.dtype,
-        )
-        return inverse @ K
+        original = K.copy()
+        original[:2] = (K[:2] - np.outer(self.pad, K[2])) / np.array(self.gain)[:, None]
+        return original
 
     def inside(self, target: tuple[int, int]) -> tuple[slice, slice]:
         """Return rows and columns of a target (width, height) that show the picture."""

@@ -117,24 +117,14 @@ def _axes(shape: Sequence[int | str | None]) -> Shape:
     return tuple(axis if isinstance(axis, int) and axis > 0 else None for axis in shape)
 
 
-def _broken_runtime(error: Exception) -> MissingDependencyError:
-    return MissingDependencyError(
-        f"Running ONNX files needs onnxruntime, which is installed but does not load: {error}. "
-        "Install a build of it that fits this machine and the other packages."
-    )
-
-
 def _open(path: Path, needed: str, providers: Sequence[Any] | None) -> Any:
     try:
         import onnxruntime
-    except ModuleNotFoundError as error:
-        if error.name != "onnxruntime":
-            raise _broken_runtime(error) from error
-        raise MissingDependencyError(
-            "Running ONNX files needs onnxruntime: pip install onnxruntime."
-        ) from error
     except (ImportError, OSError) as error:
-        raise _broken_runtime(error) from error
+        raise MissingDependencyError(
+            f"Running ONNX files needs onnxruntime, which does not load: {error}. Install it (pip "
+            "install onnxruntime), or a build of it that fits this machine and the other packages."
+        ) from error
     available = onnxruntime.get_available_providers()
     # The Azure provider calls a web service, which is never wanted for a local file.
     chosen = [p for p in available if not p.startswith("Azure")] if providers is None else providers

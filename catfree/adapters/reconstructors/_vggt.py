@@ -182,18 +182,14 @@ def decode_pose(
     determined = (length > _SMALLEST_QUATERNION) & np.isfinite(translation).all(1)
     determined &= ((field_of_view > low) & (field_of_view < high)).all(1)
     has_rotation = np.isfinite(length) & (length > _SMALLEST_QUATERNION)
-    unit = np.where(
-        has_rotation[:, None],
-        quaternion / np.where(has_rotation, length, 1)[:, None],
-        np.array([[0.0, 0.0, 0.0, 1.0]]),
-    )
+    quaternion = np.where(has_rotation[:, None], quaternion, np.array([[0.0, 0.0, 0.0, 1.0]]))
     angle = np.clip(np.where(np.isfinite(field_of_view), field_of_view, low), low, high)
     K = np.zeros((len(encoding), 3, 3))
     K[:, 0, 0] = width / 2 / np.tan(angle[:, 1] / 2)
     K[:, 1, 1] = height / 2 / np.tan(angle[:, 0] / 2)
     K[:, :, 2] = np.array([width / 2, height / 2, 1])[None, :]
     t = np.where(np.isfinite(translation), translation, 0)
-    return K, Rotation.from_quat(unit).as_matrix(), t, determined
+    return K, Rotation.from_quat(quaternion).as_matrix(), t, determined
 
 
 def _resized(

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,14 +71,22 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     source = as_path(path, "path")
     document = read_json(source, "boxes in COCO's form")
     described = document if isinstance(document, dict) else None
+    images_by_id = {}
     if images is not None:
         described = read_json(images, "images in COCO's form")
-    rows = document
-    if isinstance(document, dict):
-        rows = entry(document, "annotations", source, "the file")
-    rows = list_of(rows, source, "the boxes in COCO's form")
-    images_by_id = {} if described is None else _images(described, Path(images or source))
-    categories = _people(described)
+    if described is not None:
+        with naming_file(images or source):
+            images_by_id = _images(described)
+    with naming_file(source):
+        rows = entry(document, "annotations") if isinstance(document, dict) else document
+        rows = list_of(rows, "the boxes in COCO's form")
+        return _boxes(rows, None if described is None else images_by_id, _people(described))
+
+
+def _boxes(
+    rows: list[Any], images_by_id: dict[Any, _Image] | None, categories: Sequence[Any]
+) -> CocoBoxes:
+    """Take the boxes of people; without a data set, the images are those that they name."""
     frame, camera, corners, score = [], [], [], []
     files: dict[tuple[str, int], Any] = {}
     others = []
@@ -88,48 +96,45 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
         if category not in categories:
             others.append(str(category))
             continue
-        name = entry(row, "image_id", source, where)
+        name = entry(row, "image_id", where)
         image = None
         if isinstance(name, int | str):
-            image = images_by_id.get(name) if described is not None else _image_of(name)
+            image = _image_of(name) if images_by_id is None else images_by_id.get(name)
         if image is None:
             raise FileFormatError(
-                f"{source}: {where} is of the image {quoted(name)}, which is not listed, and whose "
-                "frame is not known."
+                f"{where} is of the image {quoted(name)}, which is not listed, and whose frame is "
+                "not known."
             )
-        if described is None:
-            _require_own_place(files, image, name, source)
-        box = numbers_of(row, "bbox", (4,), source, where)
+        if images_by_id is None:
+            _require_own_place(files, image, name)
+        box = numbers_of(row, "bbox", (4,), where)
         if not (box[2:] > 0).all():
             raise InvalidInputError(
-                f"{source}: {where} is {box.tolist()} as left, top, width, height, which has no "
-                "area. Correct or remove it."
+                f"{where} is {box.tolist()} as left, top, width, height, which has no area. "
+                "Correct or remove it."
             )
         frame.append(image.frame)
         camera.append(image.camera)
         corners.append(np.concatenate([box[:2], box[:2] + box[2:]]))
         if "score" in row:
-            score.append(float(numbers(row["score"], (), source, f"score of {where}")))
+            score.append(float(numbers(row["score"], (), f"score of {where}")))
     if others and not frame:
         raise FileFormatError(
-            f"{source}: no box is of a person, whose category_id is "
-            f"{' or '.join(map(str, categories))}; the boxes have "
-            f"{shortened(', '.join(sorted(set(others), key=natural_order)))}. Correct that of the "
-            "people, or give the data set that names the categories, too."
+            f"no box is of a person, whose category_id is {' or '.join(map(str, categories))}; the "
+            f"boxes have {shortened(', '.join(sorted(set(others), key=natural_order)))}. Correct "
+            "that of the people, or give the data set that names the categories, too."
         )
     if score and len(score) < len(frame):
-        raise FileFormatError(f"{source}: some boxes have a score, but not all.")
-    names = {image.camera for image in images_by_id.values()} | set(camera)
-    ordered = sorted(names, key=natural_order)
+        raise FileFormatError("some boxes have a score, but not all.")
+    sizes = {image.camera: image.size for image in (images_by_id or {}).values()}
+    ordered = sorted({*sizes, *camera}, key=natural_order)
     index = {name: at for at, name in enumerate(ordered)}
-    with naming_file(source):
-        detections = Detections(
-            np.array(frame, np.int64),
-            np.array([index[name] for name in camera], np.int64),
-            np.array(corners).reshape(-1, 4),
-            np.array(score) if score else None,
-        )
-    sizes = {image.camera: image.size for image in images_by_id.values()}
+    detections = Detections(
+        np.array(frame, np.int64),
+        np.array([index[name] for name in camera], np.int64),
+        np.array(corners).reshape(-1, 4),
+        np.array(score) if score else None,
+    )
     stated = [sizes.get(name) for name in ordered]
     size = np.array(stated, np.int64) if stated and all(stated) else None
     return CocoBoxes(detections, None if set(ordered) <= {""} else tuple(ordered), size)
@@ -158,52 +163,47 @@ def _people(document: dict[str, Any] | None) -> Sequence[Any]:
     return people or (PERSON,)
 
 
-def _images(document: Any, source: Path) -> dict[Any, _Image]:
-    rows = list_of(entry(document, "images", source, "the file"), source, "images")
+def _images(document: Any) -> dict[Any, _Image]:
     images_by_id: dict[Any, _Image] = {}
     files: dict[tuple[str, int], Any] = {}
     sizes: dict[str, tuple[int, int]] = {}
-    for at, row in enumerate(rows):
+    for at, row in enumerate(list_of(entry(document, "images"), "images")):
         where = f"image {at}"
-        name = entry(row, "file_name", source, where)
+        name = entry(row, "file_name", where)
         image = _image_of(name) if isinstance(name, str) else None
         if image is None:
             raise FileFormatError(
-                f"{source}: the file name of {where}, {quoted(name)}, has no number of a frame."
+                f"the file name of {where}, {quoted(name)}, has no number of a frame."
             )
-        _require_own_place(files, image, name, source)
+        _require_own_place(files, image, name)
         size = None
         if "width" in row and "height" in row:
             pair = [row["width"], row["height"]]
             if not all(is_whole(value) and value > 0 for value in pair):
                 raise FileFormatError(
-                    f"{source}: the size of {where} is {quoted(pair)}, not two whole numbers."
+                    f"the size of {where} is {quoted(pair)}, not two whole numbers."
                 )
             size = (int(pair[0]), int(pair[1]))
             first = sizes.setdefault(image.camera, size)
             if size != first:
                 raise FileFormatError(
-                    f"{source}: {where} ({quoted(name)}) is {size[0]} x {size[1]} px, but the "
-                    f"camera started with {first[0]} x {first[1]} px. Scale its images and boxes "
-                    "to one size."
+                    f"{where} ({quoted(name)}) is {size[0]} x {size[1]} px, but the camera started "
+                    f"with {first[0]} x {first[1]} px. Scale its images and boxes to one size."
                 )
-        key = entry(row, "id", source, where)
+        key = entry(row, "id", where)
         if not isinstance(key, int | str):
-            raise FileFormatError(f"{source}: the id of {where} is {quoted(key)}.")
+            raise FileFormatError(f"the id of {where} is {quoted(key)}.")
         images_by_id[key] = image._replace(size=size)
     return images_by_id
 
 
-def _require_own_place(
-    files: dict[tuple[str, int], Any], image: _Image, name: Any, source: Path
-) -> None:
+def _require_own_place(files: dict[tuple[str, int], Any], image: _Image, name: Any) -> None:
     """Note the name of an image; raise if one of another name has its camera and frame."""
     first_name = files.setdefault((image.camera, image.frame), name)
     if first_name != name:
         raise FileFormatError(
-            f"{source}: the images {quoted(first_name)} and {quoted(name)} would be one picture, "
-            f"frame {image.frame} of one camera. Put the images of each camera into a folder of "
-            "its own."
+            f"the images {quoted(first_name)} and {quoted(name)} would be one picture, frame "
+            f"{image.frame} of one camera. Put the images of each camera into a folder of its own."
         )
 
 

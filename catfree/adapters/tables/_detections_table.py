@@ -8,7 +8,7 @@ import numpy as np
 
 from catfree.adapters.files._documents import StrPath, naming_file
 from catfree.adapters.tables._parquet import open_dataset, reading, values_of, write_parquet
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
 from catfree.types._validation import as_float, as_integer, as_path
@@ -142,11 +142,9 @@ def open_detections_table(path: StrPath) -> Any:
     source = as_path(path, "path")
     if not source.exists():
         raise InvalidInputError(f"There is no table of detections {source}. Check the path.")
-    try:
+    with reading(source):
         opened = open_dataset(source)
         names = opened.schema.names
-    except Exception as error:
-        raise FileFormatError(f"{source} is not a Parquet table: {quoted(error)}.") from error
     missing = [name for name in _REQUIRED if name not in names]
     if missing:
         raise FileFormatError(

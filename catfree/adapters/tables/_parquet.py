@@ -53,13 +53,12 @@ def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
     import pyarrow.parquet
 
     source = require_file(path, meaning)
-    try:
-        # Not read_table, which would take columns from the names of folders.
-        with pyarrow.parquet.ParquetFile(source, page_checksum_verification=True) as file:
-            table = file.read()
-    # On damaged files the library raises errors of several kinds.
-    except Exception as error:
-        raise FileFormatError(f"{source} is not readable Parquet: {quoted(error)}.") from error
+    # Not read_table, which would take columns from the names of folders.
+    with (
+        reading(source),
+        pyarrow.parquet.ParquetFile(source, page_checksum_verification=True) as file,
+    ):
+        table = file.read()
     twice = [name for name, count in Counter(table.column_names).items() if count > 1]
     if twice:
         raise FileFormatError(f"{source} has two columns {quoted(twice[0])}. Keep one of them.")
@@ -93,7 +92,7 @@ def reading(path: StrPath) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
+        raise FileFormatError(f"{path} is not readable Parquet: {quoted(error)}.") from error
 
 
 def values_of(table: "pyarrow.Table", names: Sequence[str], path: StrPath) -> dict[str, Any]:

@@ -20,8 +20,7 @@ from catfree.adapters import (
     write_opencv_yaml,
     write_rig_json,
 )
-from catfree.adapters.calibration_files._named_rig import default_names
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
+from catfree.adapters.calibration_files._named_rig import default_names, rotation_from_vector
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.synthetic import make_layout
 from catfree.types import Lens
@@ -137,10 +136,10 @@ def test_rotations_in_degrees_are_noticed(rig, tmp_path):
 
 def test_a_rotation_vector_turns_by_a_full_turn_at_most():
     whole = [2 * np.pi / np.sqrt(3) - 1e-9] * 3
-    np.testing.assert_allclose(rotation_from_vector(whole, "a", "r"), np.eye(3), atol=1e-8)
+    np.testing.assert_allclose(rotation_from_vector(whole, "r"), np.eye(3), atol=1e-8)
     for vector in ([5.0, 5.0, 5.0], [1e200, 0.0, 1e200]):
         with np.errstate(over="raise"), pytest.raises(InvalidInputError, match="than a full turn"):
-            rotation_from_vector(vector, "a", "r")
+            rotation_from_vector(vector, "r")
 
 
 def test_wrong_types_are_named(rig, tmp_path):

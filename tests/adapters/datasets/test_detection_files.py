@@ -323,7 +323,7 @@ def test_a_folder_of_tables_may_name_its_cameras(boxes, tmp_path):
     content = bytearray((tmp_path / "b.parquet").read_bytes())
     content[20:200] = bytes(180)
     (tmp_path / "b.parquet").write_bytes(content)
-    with pytest.raises(FileFormatError, match="cannot be read"):
+    with pytest.raises(FileFormatError, match="is not readable Parquet"):
         cf.read_detections(tmp_path)
 
 

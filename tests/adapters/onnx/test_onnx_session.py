@@ -86,7 +86,7 @@ def test_the_content_hash_follows_the_bytes(constant_graph):
 @pytest.mark.parametrize(
     ("error", "message"),
     [
-        (ModuleNotFoundError("No module named 'onnxruntime'", name="onnxruntime"), "pip install"),
+        (ModuleNotFoundError("No module named 'onnxruntime'", name="onnxruntime"), "No module"),
         (ModuleNotFoundError("No module named 'flatbuffers'", name="flatbuffers"), "flatbuffers"),
         (ImportError("DLL load failed: too old"), "does not load: DLL load failed: too old"),
     ],
@@ -104,4 +104,4 @@ def test_the_reason_why_the_runtime_does_not_load_is_told(error, message, tmp_pa
     with pytest.raises(MissingDependencyError, match=message) as raised:
         OnnxGraph(tmp_path / "a.onnx", needed="a test graph")
     assert raised.value.__cause__ is error
-    assert ("pip install" in str(raised.value)) == (error.name == "onnxruntime")
+    assert "pip install onnxruntime" in str(raised.value)

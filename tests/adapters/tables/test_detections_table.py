@@ -101,7 +101,7 @@ def test_other_files_are_refused(tmp_path):
         read_detections_parquet(tmp_path / "none.parquet")
     path = tmp_path / "b.parquet"
     path.write_text("no table")
-    with pytest.raises(FileFormatError, match=r"b\.parquet is not a Parquet table"):
+    with pytest.raises(FileFormatError, match=r"b\.parquet is not readable Parquet"):
         read_detections_parquet(path)
     pyarrow.parquet.write_table(pyarrow.table({"frame": [1], "camera": [0]}), path)
     with pytest.raises(FileFormatError, match="has no column 'x1'"):
@@ -185,7 +185,7 @@ def test_a_range_of_a_damaged_table_is_refused(tmp_path):
     content = bytearray((tmp_path / "a.parquet").read_bytes())
     content[4:60] = bytes(56)
     (tmp_path / "a.parquet").write_bytes(content)
-    with pytest.raises(FileFormatError, match=r"a\.parquet cannot be read"):
+    with pytest.raises(FileFormatError, match=r"a\.parquet is not readable Parquet"):
         frame_range(tmp_path / "a.parquet")
 
 

@@ -1,19 +1,22 @@
 """COLMAP reconstructions: text and binary in, text out."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
-    named_rig,
+    rig_of,
     writable_cameras,
 )
 from catfree.adapters.calibration_files.colmap._colmap_binary import (
+    BinaryFile,
     binary_cameras,
     binary_images,
     binary_points,
@@ -28,6 +31,7 @@ from catfree.adapters.calibration_files.colmap._colmap_models import (
 )
 from catfree.adapters.files._documents import (
     StrPath,
+    naming_file,
     numbers,
     parse_numbers,
     read_text,
@@ -63,41 +67,43 @@ def read_colmap(folder: StrPath) -> NamedRig:
     root = require_folder(folder, "COLMAP model")
     is_text = (root / "cameras.txt").is_file() and not (root / "cameras.bin").is_file()
     kind = "txt" if is_text else "bin"
-    cameras_file, source, points_file = (
-        root / f"{name}.{kind}" for name in ("cameras", "images", "points3D")
-    )
-    if is_text:
-        numbered, images = _text_cameras(cameras_file), _text_images(source)
-        points = _text_points(points_file)
-    else:
-        numbered, images = binary_cameras(cameras_file), binary_images(source)
-        points = binary_points(points_file)
-    cameras = dict(numbered)
-    if len(cameras) < len(numbered):
-        twice = Counter(camera_id for camera_id, _ in numbered).most_common(1)[0][0]
-        raise FileFormatError(
-            f"{cameras_file} describes camera {twice} twice. Remove one of the two."
-        )
-    if not images:
-        raise FileFormatError(f"{source} holds no images.")
-    images = sorted(images, key=lambda image: image[0])
-    file_cameras = []
-    for name, camera_id, quaternion, translation in images:
-        label = shortened(name)
-        if camera_id not in cameras:
+
+    def parsed(name: str, text: Callable[..., Any], binary: Callable[..., Any]) -> Any:
+        path = root / f"{name}.{kind}"
+        content = (_lines if is_text else BinaryFile)(path, f"COLMAP {name}")
+        with naming_file(path):
+            return (text if is_text else binary)(content)
+
+    numbered = parsed("cameras", _text_cameras, binary_cameras)
+    images = sorted(parsed("images", _text_images, binary_images), key=lambda image: image[0])
+    has_points = (root / f"points3D.{kind}").is_file()
+    points = parsed("points3D", _text_points, binary_points) if has_points else None
+    with naming_file(root):
+        if not images:
+            raise FileFormatError("the model holds no images.")
+        cameras: dict[int, ColmapCamera] = dict(numbered)
+        if len(cameras) < len(numbered):
+            twice = Counter(camera_id for camera_id, _ in numbered).most_common(1)[0][0]
             raise FileFormatError(
-                f"{source}: image {label} has camera {camera_id}, not in cameras."
+                f"cameras.{kind} describes camera {twice} twice. Remove one of the two."
             )
-        model, width, height, parameters = cameras[camera_id]
-        matrix, coefficients, lens = intrinsics(model, parameters, root, label)
-        with np.errstate(over="ignore", invalid="ignore"):
-            norm = np.linalg.norm(quaternion)
-        if not (np.isfinite(norm) and norm > 0):
-            raise InvalidInputError(f"{source}: image {label} has no valid rotation quaternion.")
-        R = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
-        size = np.array([width, height])
-        file_cameras.append(FileCamera(matrix, R, translation, size, coefficients, lens))
-    return named_rig(file_cameras, [image[0] for image in images], root, points)
+        rig = rig_of([_camera(image, cameras) for image in images])
+        return NamedRig(rig, tuple(image[0] for image in images), points)
+
+
+def _camera(image: ColmapImage, cameras: dict[int, ColmapCamera]) -> FileCamera:
+    name, camera_id, quaternion, translation = image
+    where = f"image {shortened(name)}"
+    if camera_id not in cameras:
+        raise FileFormatError(f"{where} has camera {camera_id}, not in cameras.")
+    model, width, height, parameters = cameras[camera_id]
+    matrix, coefficients, lens = intrinsics(model, parameters, where)
+    with np.errstate(over="ignore", invalid="ignore"):
+        norm = np.linalg.norm(quaternion)
+    if not (np.isfinite(norm) and norm > 0):
+        raise InvalidInputError(f"{where} has no valid rotation quaternion.")
+    R = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
+    return FileCamera(matrix, R, translation, np.array([width, height]), coefficients, lens)
 
 
 def write_colmap_text(
@@ -177,59 +183,54 @@ def _lines(path: Path, meaning: str) -> list[str]:
     return [line.strip() for line in text.splitlines() if not line.lstrip().startswith("#")]
 
 
-def _integer(word: str, source: Path, where: str) -> int:
+def _integer(word: str, where: str) -> int:
     try:
         return int(word)
     except ValueError as error:
-        raise FileFormatError(
-            f"{source}: {where} has {quoted(word)} instead of a number."
-        ) from error
+        raise FileFormatError(f"{where} has {quoted(word)} instead of a number.") from error
 
 
-def _text_cameras(path: Path) -> list[tuple[int, ColmapCamera]]:
+def _text_cameras(lines: list[str]) -> list[tuple[int, ColmapCamera]]:
     cameras = []
-    for line in filter(None, _lines(path, "COLMAP cameras")):
+    for line in filter(None, lines):
         words = line.split()
-        camera_id = _integer(words[0], path, "a camera")
+        camera_id = _integer(words[0], "a camera")
         where = f"camera {camera_id}"
         if len(words) < 4:
-            raise FileFormatError(f"{path}: {where} is incomplete.")
-        model = supported_model(words[1], path, camera_id)
-        width, height = (_integer(word, path, where) for word in words[2:4])
-        values = parse_numbers(words[4:], path, where)
-        parameters = numbers(values, (len(PARAMETERS[model]),), path, f"{where} ({model})")
+            raise FileFormatError(f"{where} is incomplete.")
+        model = supported_model(words[1], camera_id)
+        width, height = (_integer(word, where) for word in words[2:4])
+        values = parse_numbers(words[4:], where)
+        parameters = numbers(values, (len(PARAMETERS[model]),), f"{where} ({model})")
         cameras.append((camera_id, (model, width, height, parameters)))
     return cameras
 
 
-def _text_images(path: Path) -> list[ColmapImage]:
-    lines = iter(_lines(path, "COLMAP images"))
-    images = []
-    for line in lines:
+def _text_images(lines: list[str]) -> list[ColmapImage]:
+    images, remaining = [], iter(lines)
+    for line in remaining:
         if not line:
             continue
         words = line.split(maxsplit=9)
         if len(words) < 10:
-            raise FileFormatError(f"{path}: the line of image {shortened(words[0])} is incomplete.")
+            raise FileFormatError(f"the line of image {shortened(words[0])} is incomplete.")
         name, where = words[9], f"image {shortened(words[9])}"
-        pose = numbers(parse_numbers(words[1:8], path, where), (7,), path, where)
-        camera_id = _integer(words[8], path, where)
+        pose = numbers(parse_numbers(words[1:8], where), (7,), where)
+        camera_id = _integer(words[8], where)
         images.append((name, camera_id, pose[:4], pose[4:]))
-        points = next(lines, "").split()  # x, y and point of each, often none at all
+        points = next(remaining, "").split()  # x, y and point of each, often none at all
         if len(points) % 3:
             raise FileFormatError(
-                f"{path}: the line after {where} must hold its image points, three "
-                "numbers each, or be empty. Every image has two lines."
+                f"the line after {where} must hold its image points, three numbers each, or be "
+                "empty. Every image has two lines."
             )
     return images
 
 
-def _text_points(path: Path) -> np.ndarray | None:
-    if not path.is_file():
-        return None
+def _text_points(lines: list[str]) -> Float[np.ndarray, "p 3"]:
     points = []
-    for line in filter(None, _lines(path, "COLMAP points")):
+    for line in filter(None, lines):
         number, *words = line.split()
         where = f"point {shortened(number)}"
-        points.append(numbers(parse_numbers(words[:3], path, where), (3,), path, where))
+        points.append(numbers(parse_numbers(words[:3], where), (3,), where))
     return np.array(points).reshape(-1, 3)

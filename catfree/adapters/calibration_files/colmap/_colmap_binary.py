@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.adapters.calibration_files.colmap._colmap_models import (
     MODELS,
@@ -21,15 +22,21 @@ from catfree.adapters.files._documents import numbers, require_file
 from catfree.errors import FileFormatError, quoted
 
 
-class _Bytes:
+class BinaryFile:
     """A binary file read front to back, with a clear error if it ends too early."""
 
     def __init__(self, path: Path, meaning: str) -> None:
-        self.path = require_file(path, meaning)
+        """Read all bytes.
+
+        Args:
+            path: the file.
+            meaning: what it is, for messages.
+        """
+        source = require_file(path, meaning)
         try:
-            self.data, self.at = self.path.read_bytes(), 0
+            self.data, self.at = source.read_bytes(), 0
         except OSError as error:
-            raise FileFormatError(f"{self.path} cannot be read: {quoted(error)}.") from error
+            raise FileFormatError(f"{source} cannot be read: {quoted(error)}.") from error
 
     def take(self, layout: str) -> tuple:
         size = struct.calcsize("<" + layout)
@@ -38,7 +45,7 @@ class _Bytes:
 
     def skip(self, size: int) -> None:
         if self.at + size > len(self.data):
-            raise FileFormatError(f"{self.path} is truncated or not a COLMAP file.")
+            raise FileFormatError("the file is truncated or not a COLMAP file.")
         self.at += size
 
     def name(self) -> str:
@@ -47,30 +54,28 @@ class _Bytes:
         try:
             return self.data[start:end].decode("utf-8")
         except UnicodeDecodeError as error:
-            raise FileFormatError(f"{self.path} has an image name that is not UTF-8.") from error
+            raise FileFormatError("the file has an image name that is not UTF-8.") from error
 
     def records(self) -> Iterator[int]:
         """Yield the indices of the announced records, then check that nothing follows."""
         yield from range(self.take("Q")[0])
         if self.at != len(self.data):
-            raise FileFormatError(f"{self.path} continues after its last record.")
+            raise FileFormatError("the file continues after its last record.")
 
 
-def binary_cameras(path: Path) -> list[tuple[int, ColmapCamera]]:
+def binary_cameras(stream: BinaryFile) -> list[tuple[int, ColmapCamera]]:
     """Read numbers and cameras of `cameras.bin` in the order of the file."""
-    stream = _Bytes(path, "COLMAP cameras")
     cameras = []
     for _ in stream.records():
         camera_id, model_id, width, height = stream.take("iiQQ")
-        model = supported_model(MODELS.get(model_id, (f"number {model_id}",))[0], path, camera_id)
+        model = supported_model(MODELS.get(model_id, (f"number {model_id}",))[0], camera_id)
         parameters = np.array(stream.take(f"{len(PARAMETERS[model])}d"))
         cameras.append((camera_id, (model, width, height, parameters)))
     return cameras
 
 
-def binary_images(path: Path) -> list[ColmapImage]:
+def binary_images(stream: BinaryFile) -> list[ColmapImage]:
     """Read the images of `images.bin` in the order of the file."""
-    stream = _Bytes(path, "COLMAP images")
     images = []
     for _ in stream.records():
         _, *pose, camera_id = stream.take("i7di")
@@ -79,13 +84,10 @@ def binary_images(path: Path) -> list[ColmapImage]:
     return images
 
 
-def binary_points(path: Path) -> np.ndarray | None:
-    """Read the (P, 3) points of `points3D.bin`; None if there is no such file."""
-    if not path.is_file():
-        return None
-    stream = _Bytes(path, "COLMAP points")
+def binary_points(stream: BinaryFile) -> Float[np.ndarray, "p 3"]:
+    """Read the points of `points3D.bin`."""
     points = []
     for _ in stream.records():
         points.append(stream.take("Q3d3Bd")[1:4])
         stream.skip(8 * stream.take("Q")[0])  # image id and point index of each observation
-    return numbers(points, (len(points), 3), path, "a point")
+    return numbers(points, (len(points), 3), "a point")

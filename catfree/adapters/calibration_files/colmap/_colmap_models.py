@@ -3,11 +3,9 @@
 The readers of text and binary files share them.
 """
 
-from pathlib import Path
-
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import lens_coefficients
+from catfree.adapters.calibration_files._named_rig import lens_coefficients
 from catfree.errors import FileFormatError, shortened
 from catfree.types import Lens
 
@@ -39,7 +37,7 @@ ColmapImage = tuple[str, int, np.ndarray, np.ndarray]
 
 
 def intrinsics(
-    model: str, parameters: np.ndarray, source: Path, image: str
+    model: str, parameters: np.ndarray, where: str
 ) -> tuple[np.ndarray, np.ndarray, Lens]:
     """Convert to (3, 3) K with catfree's pixel center, (8,) OpenCV coefficients, and the lens."""
     value = dict(zip(PARAMETERS[model], parameters.tolist(), strict=True))
@@ -52,10 +50,10 @@ def intrinsics(
     )
     lens = Lens.FISHEYE if model.endswith("_FISHEYE") else Lens.PINHOLE
     coefficients = np.array([value.get(name, 0.0) for name in COEFFICIENTS[lens]])
-    return K, lens_coefficients(coefficients, source, f"image {image}", lens), lens
+    return K, lens_coefficients(coefficients, where, lens), lens
 
 
-def supported_model(model: str, source: Path, camera_id: int) -> str:
+def supported_model(model: str, camera_id: int) -> str:
     """Return the model's name if it is supported.
 
     Raises:
@@ -63,7 +61,7 @@ def supported_model(model: str, source: Path, camera_id: int) -> str:
     """
     if model not in PARAMETERS:
         raise FileFormatError(
-            f"{source}: camera {camera_id} has the model {shortened(model)}; supported are "
+            f"camera {camera_id} has the model {shortened(model)}; supported are "
             f"{', '.join(PARAMETERS)}. Undistort the images with COLMAP first."
         )
     return model

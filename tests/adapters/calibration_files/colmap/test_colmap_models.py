@@ -1,7 +1,5 @@
 """COLMAP's camera models: half a pixel between the conventions, a lens for each name."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,14 +12,12 @@ from catfree.adapters.calibration_files.colmap._colmap_models import (
 from catfree.errors import FileFormatError
 from catfree.types import Lens
 
-SOURCE = Path("cameras.txt")
-
 
 @pytest.mark.parametrize("model", [name for name, _ in MODELS.values()])
 def test_every_model_has_a_matrix_and_a_lens(model):
     value = {"f": 500.0, "fx": 500.0, "fy": 500.0, "cx": 320.5, "cy": 240.5, "k1": 0.1, "p2": 0.01}
     parameters = np.array([value.get(name, 0.0) for name in PARAMETERS[model]])
-    K, coefficients, lens = intrinsics(model, parameters, SOURCE, "a.jpg")
+    K, coefficients, lens = intrinsics(model, parameters, "image a.jpg")
     np.testing.assert_array_equal(K, [[500, 0, 320], [0, 500, 240], [0, 0, 1]])
     names = PARAMETERS[model]
     expected = [0.1 * ("k1" in names), 0, 0, 0.01 * ("p2" in names), 0, 0, 0, 0]
@@ -30,6 +26,6 @@ def test_every_model_has_a_matrix_and_a_lens(model):
 
 
 def test_other_models_are_refused_by_name():
-    assert supported_model("OPENCV", SOURCE, 3) == "OPENCV"
+    assert supported_model("OPENCV", 3) == "OPENCV"
     with pytest.raises(FileFormatError, match="camera 3 has the model FOV"):
-        supported_model("FOV", SOURCE, 3)
+        supported_model("FOV", 3)
