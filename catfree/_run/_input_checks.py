@@ -102,7 +102,8 @@ def order_like(
         kind: what the recording consists of, "videos" or "boxes".
 
     Returns:
-        The scene, and warnings: that cameras were reordered, or that names do not match.
+        The scene, and warnings: that cameras were reordered or left out, or that names do not
+        match.
 
     Raises:
         InvalidInputError: if the scene has more cameras, and names do not tell which are meant.
@@ -116,11 +117,18 @@ def order_like(
     if order == list(range(len(given))):
         return scene, ()
     if order is not None:
-        ordered = replace(scene, rig=scene.rig.select(order))
-        return ordered, (
-            f"The scene lists its cameras as {', '.join(given)}, the {kind} come as "
-            f"{', '.join(wanted)}: they were matched by name.",
-        )
+        warnings = []
+        if order != sorted(order):
+            warnings.append(
+                f"The scene lists its cameras as {', '.join(given)}, the {kind} come as "
+                f"{', '.join(wanted)}: they were matched by name."
+            )
+        if unused := [name for at, name in enumerate(given) if at not in order]:
+            warnings.append(
+                f"There are no {kind} of these cameras of the scene, so they are not used: "
+                f"{', '.join(unused)}."
+            )
+        return replace(scene, rig=scene.rig.select(order)), tuple(warnings)
     if kind != "videos" and is_numbered(wanted):  # default names; those of videos are of files
         return scene, ()
     if len(wanted) < len(given):
