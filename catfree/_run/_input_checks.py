@@ -389,15 +389,16 @@ def _started(offset: int, videos: Recording) -> str:
         rate = videos.tick_rate
     seconds = "" if rate is None else f" ({abs(offset) / rate:.1f} s)"
     when = "after" if offset < 0 else "before"
-    return f"started about {abs(offset)} frames{seconds} {when} the others"
+    frames = "1 frame" if abs(offset) == 1 else f"{abs(offset)} frames"
+    return f"started about {frames}{seconds} {when} the others"
 
 
 def _advice(offset: Int[np.ndarray, " cam"], videos: Recording) -> str:
     if isinstance(videos, CameraBoxes):
         shifts = ", ".join(
-            f"{offset[c]:+d} from those of {quoted(videos.camera_names[c])}"
+            f"of {quoted(videos.camera_names[c])} by {-offset[c]:+d}"
             for c in np.flatnonzero(offset)
         )
-        return f"If so, subtract from the frame numbers {shifts}."
+        return f"If so, change the frame numbers {shifts}."
     given = ", ".join(map(str, videos.without_offsets(offset.tolist()).offsets))
     return f"If so, pass offsets=({given})."

@@ -234,7 +234,7 @@ def test_a_late_camera_is_named_with_its_offset(method, camera, by):
     name, when = ("north", "east", "south", "west")[camera], "before" if by > 0 else "after"
     assert f"'{name}' seems to have started about {abs(by)} frames ({abs(by) / 5:.1f} s)" in said
     assert f"{when} the others" in said
-    assert f"subtract from the frame numbers {by:+d} from those of '{name}'" in said
+    assert f"If so, change the frame numbers of '{name}' by {-by:+d}." in said
     # Frame numbers may have any step.
     sparse = replace(late, frame=5 * late.frame + 3)
     assert f"about {5 * abs(by)} frames" in clocks_said(sparse, world.scene, settings)[0]
