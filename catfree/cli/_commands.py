@@ -498,6 +498,8 @@ def evaluate(
     if true.frames is None and frames == "all":
         alone = len(np.setdiff1d(tracked, truth_frames))
         scored = np.union1d(truth_frames, tracked)
+    if not len(tracked):
+        warn([f"{tracks} holds no positions: everybody counts as missed."])
     even = _in_steps(truth_frames, tracked)
     if frames == "tracks":
         scored = truth_frames[even]

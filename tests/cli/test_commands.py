@@ -352,6 +352,11 @@ def test_evaluate_of_a_run_with_a_stride(results, tmp_path, capsys):
         # Nobody was found in frame 25, which is one of the steps.
         assert (re.search(r"recall.*100\.00", shown.out) is None) == (chosen != range(30))
         assert re.search(r"precision.*100\.00", shown.out)
+    part.write_text(header + "\n")
+    assert cli.main(words) == 0
+    assert "holds no positions: everybody counts as missed" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 @pytest.mark.slow
