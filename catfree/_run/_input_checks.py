@@ -102,7 +102,8 @@ def order_like(
         kind: what the recording consists of, "videos" or "boxes".
 
     Returns:
-        The scene, and warnings: that cameras were reordered, or that names do not match.
+        The scene, and warnings: that cameras were reordered or left out, or that names do not
+        match.
 
     Raises:
         InvalidInputError: if the scene has more cameras, and names do not tell which are meant.
@@ -116,11 +117,18 @@ def order_like(
     if order == list(range(len(given))):
         return scene, ()
     if order is not None:
-        ordered = replace(scene, rig=scene.rig.select(order))
-        return ordered, (
-            f"The scene lists its cameras as {', '.join(given)}, the {kind} come as "
-            f"{', '.join(wanted)}: they were matched by name.",
-        )
+        warnings = []
+        if order != sorted(order):
+            warnings.append(
+                f"The scene lists its cameras as {', '.join(given)}, the {kind} come as "
+                f"{', '.join(wanted)}: they were matched by name."
+            )
+        if unused := [name for at, name in enumerate(given) if at not in order]:
+            warnings.append(
+                f"There are no {kind} of these cameras of the scene, so they are not used: "
+                f"{', '.join(unused)}."
+            )
+        return replace(scene, rig=scene.rig.select(order)), tuple(warnings)
     if kind != "videos" and is_numbered(wanted):  # default names; those of videos are of files
         return scene, ()
     if len(wanted) < len(given):
@@ -381,15 +389,16 @@ def _started(offset: int, videos: Recording) -> str:
         rate = videos.tick_rate
     seconds = "" if rate is None else f" ({abs(offset) / rate:.1f} s)"
     when = "after" if offset < 0 else "before"
-    return f"started about {abs(offset)} frames{seconds} {when} the others"
+    frames = "1 frame" if abs(offset) == 1 else f"{abs(offset)} frames"
+    return f"started about {frames}{seconds} {when} the others"
 
 
 def _advice(offset: Int[np.ndarray, " cam"], videos: Recording) -> str:
     if isinstance(videos, CameraBoxes):
         shifts = ", ".join(
-            f"{offset[c]:+d} from those of {quoted(videos.camera_names[c])}"
+            f"of {quoted(videos.camera_names[c])} by {-offset[c]:+d}"
             for c in np.flatnonzero(offset)
         )
-        return f"If so, subtract from the frame numbers {shifts}."
+        return f"If so, change the frame numbers {shifts}."
     given = ", ".join(map(str, videos.without_offsets(offset.tolist()).offsets))
     return f"If so, pass offsets=({given})."

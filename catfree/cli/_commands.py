@@ -465,8 +465,8 @@ def evaluate(
     Args:
         tracks: results folder of a run or of joined shards, or its tracks.csv or
             tracks.parquet.
-        ground_truth: CSV with a header and the columns frame, id, x, y; uniform JSON; or the
-            folder of WildTrack or MultiviewX, scored by their protocol.
+        ground_truth: CSV with a header and the columns frame, id (-1 if unknown), x, y; uniform
+            JSON; or the folder of WildTrack or MultiviewX, scored by their protocol.
         split: frames of WildTrack and MultiviewX to score.
         area: x_min x_max y_min y_max; positions outside are ignored.
         threshold: largest distance of a match for MODA, in meters; 0.5 if not given.
@@ -489,16 +489,17 @@ def evaluate(
     tracking_gate = true.tracking_gate if track_threshold is None else track_threshold
     truth_frames = np.unique(truth[:, 0]).astype(np.int64) if true.frames is None else true.frames
     tracked = np.unique(predicted[:, 0]).astype(np.int64)
+    if len(tracked) and not np.isin(tracked, truth_frames).any():
+        raise InsufficientDataError(
+            f"No position of {tracks} is in the frames {truth_frames[0]} to {truth_frames[-1]} of "
+            f"{ground_truth}; its own are {tracked[0]} to {tracked[-1]}. Number frames alike."
+        )
     scored, alone = truth_frames, 0
     if true.frames is None and frames == "all":
         alone = len(np.setdiff1d(tracked, truth_frames))
         scored = np.union1d(truth_frames, tracked)
-    if len(predicted) and not np.isin(predicted[:, 0], scored).any():
-        raise InsufficientDataError(
-            f"No position of {tracks} is in the frames {scored[0]} to {scored[-1]} of "
-            f"{ground_truth}; its own are {predicted[:, 0].min():.0f} to "
-            f"{predicted[:, 0].max():.0f}. Number frames alike."
-        )
+    if not len(tracked):
+        warn([f"{tracks} holds no positions: everybody counts as missed."])
     even = _in_steps(truth_frames, tracked)
     if frames == "tracks":
         scored = truth_frames[even]

@@ -326,8 +326,9 @@ def test_evaluate_on_truth_of_some_frames(results, tmp_path, capsys):
         assert re.search(r"MODA.*100\.00", alone.out)
         assert alone.err == ""
     truth.write_text("frame,id,x,y\n1000,1,0,0\n")
-    assert cli.main([*words, "--frames", "truth"]) == 1
-    assert "Number frames alike" in one_sentence(capsys)
+    for scored in ("all", "truth"):
+        assert cli.main([*words, "--frames", scored]) == 1
+        assert "Number frames alike" in one_sentence(capsys)
 
 
 @pytest.mark.slow
@@ -351,6 +352,11 @@ def test_evaluate_of_a_run_with_a_stride(results, tmp_path, capsys):
         # Nobody was found in frame 25, which is one of the steps.
         assert (re.search(r"recall.*100\.00", shown.out) is None) == (chosen != range(30))
         assert re.search(r"precision.*100\.00", shown.out)
+    part.write_text(header + "\n")
+    assert cli.main(words) == 0
+    assert "holds no positions: everybody counts as missed" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 @pytest.mark.slow
@@ -414,7 +420,7 @@ def test_evaluate_says_what_is_wrong_with_the_truth(results, tmp_path, capsys):
 @pytest.mark.slow
 def test_evaluate_needs_somebody_in_the_area(results, tmp_path, capsys):
     truth = tmp_path / "truth.csv"
-    truth.write_text("frame,id,x,y\n0,1,2,3\n")
+    truth.write_text("frame,id,x,y\n16,1,2,3\n")
     words = ["evaluate", str(results / "tracks.csv"), str(truth)]
     assert cli.main([*words, "--area", "50", "51", "50", "51"]) == 1
     assert "No position of" in one_sentence(capsys)

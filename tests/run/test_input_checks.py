@@ -134,6 +134,15 @@ def test_videos_in_any_order_find_their_cameras_by_name(clips, order):
     assert all("matched by name" in sentence for sentence in said)
 
 
+def test_cameras_of_the_scene_without_boxes_are_named():
+    scene = make_layout("ring4", 0).scene
+    fewer, said = order_like(scene, ["a", "b", "c", "d"], ["a", "d"], "boxes")
+    np.testing.assert_array_equal(fewer.rig.t, np.asarray(scene.rig.t)[[0, 3]])
+    assert said == (
+        "There are no boxes of these cameras of the scene, so they are not used: b, c.",
+    )
+
+
 def test_names_that_do_not_fit_are_told_and_default_ones_are_not(clips):
     scene = make_layout("ring4", 0).scene
     scene = type(scene)(scene.rig.select([0, 1]), scene.ground, scene.extent, scene.metric)
@@ -152,9 +161,10 @@ def test_names_that_do_not_fit_are_told_and_default_ones_are_not(clips):
 def test_a_part_of_the_scene_is_found_by_name_alone(clips):
     scene = make_layout("ring4", 0).scene
     videos = SynchronizedVideos([clips["b"], clips["a"]])
-    part, (said,) = order_like(scene, ["x.png", "a.png", "b.png", "y.png"], videos.camera_names)
+    part, said = order_like(scene, ["x.png", "a.png", "b.png", "y.png"], videos.camera_names)
     np.testing.assert_array_equal(part.rig.t, np.asarray(scene.rig.t)[[2, 1]])
-    assert "matched by name" in said
+    assert "matched by name" in said[0]
+    assert "no videos of these cameras of the scene, so they are not used: x.png, y.png." in said[1]
     for names in (["x", "y", "z", "w"], ["C1", "C2", "C3", "C4"]):
         with pytest.raises(InvalidInputError, match="but the videos are b, a, which are"):
             order_like(scene, names, videos.camera_names)
@@ -224,7 +234,7 @@ def test_a_late_camera_is_named_with_its_offset(method, camera, by):
     name, when = ("north", "east", "south", "west")[camera], "before" if by > 0 else "after"
     assert f"'{name}' seems to have started about {abs(by)} frames ({abs(by) / 5:.1f} s)" in said
     assert f"{when} the others" in said
-    assert f"subtract from the frame numbers {by:+d} from those of '{name}'" in said
+    assert f"If so, change the frame numbers of '{name}' by {-by:+d}." in said
     # Frame numbers may have any step.
     sparse = replace(late, frame=5 * late.frame + 3)
     assert f"about {5 * abs(by)} frames" in clocks_said(sparse, world.scene, settings)[0]

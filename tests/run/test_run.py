@@ -606,12 +606,15 @@ def test_a_camera_that_could_not_be_placed_is_told_the_shift_with_which_it_fits(
     calibration = replace(calibration, scene=scene)
     boxes = Detections([0], [0], [[0.0, 0, 9, 20]], clock=Clock(5))
     given = CameraBoxes(boxes, tuple("abcdefgh"[:CAMERAS]))
-    for offset, when in ((-10, "after"), (10, "before"), (0, None)):
+    for offset, by, when in (
+        (-10, "10 frames (2.0 s)", "after"),
+        (1, "1 frame (0.2 s)", "before"),
+        (0, "", None),
+    ):
         monkeypatch.setattr(input_checks, "offset_for", lambda *a, offset=offset: offset)
         said = input_checks.calibration_warnings(calibration, boxes, given, Settings())
         expected = (
-            "Camera 'b' could not be placed, but would fit if it had started about 10 frames "
-            f"(2.0 s) {when} the others. If so, subtract from the frame numbers {offset:+d} from "
-            "those of 'b'."
+            f"Camera 'b' could not be placed, but would fit if it had started about {by} {when} "
+            f"the others. If so, change the frame numbers of 'b' by {-offset:+d}."
         )
         assert said == ((expected,) if offset else ())

@@ -23,6 +23,7 @@ from catfree.adapters.files._documents import (
 from catfree.errors import FileFormatError
 from catfree.types import Lens, Rig
 from catfree.types._validation import as_positive
+from catfree.types._writing import make_folder
 
 # The names that OpenCV's own samples and common tools use for the same matrix.
 _INTRINSICS = ("K", "camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic", "M")
@@ -108,7 +109,7 @@ def write_opencv_yaml(
     """Write one YAML file per registered camera, `<name>.yml`, that OpenCV can read.
 
     Args:
-        folder: must exist.
+        folder: made if it does not exist.
         rig: the cameras.
         names: (C,) file names without suffix, in which `_` takes the place of `/`; C1, C2, ... if
             None.
@@ -117,10 +118,11 @@ def write_opencv_yaml(
         The paths, in the order of the rig.
 
     Raises:
-        InvalidInputError: if the folder does not exist, no camera is registered, a camera is a grid
-            of rays, or the names do not match the cameras.
+        InvalidInputError: if no folder can have this path, no camera is registered, a camera is a
+            grid of rays, or the names do not match the cameras.
     """
     cameras = writable_cameras(rig, names, folder)
+    root = make_folder(folder)
     paths = []
     for name, (_, camera) in zip(file_names([n for n, _ in cameras]), cameras, strict=True):
         width, height = camera.image_size
@@ -142,7 +144,7 @@ def write_opencv_yaml(
                 "   dt: d",
                 f"   data: [ {data} ]",
             ]
-        target = Path(folder) / f"{name}.yml"
+        target = root / f"{name}.yml"
         paths.append(write_text_atomically(target, "\n".join(lines) + "\n"))
     return tuple(paths)
 

@@ -96,7 +96,7 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
     if not files:
         raise InvalidInputError(
             f"{source} holds no annotations of WildTrack or MultiviewX "
-            "(annotations_positions/NUMBER.json)."
+            "(annotations_positions/NUMBER.json). Of a results folder, name the tracks.csv."
         )
     # The first files may have nobody, and therefore no views.
     cameras = next(filter(None, map(_view_count, files.values())), 0)

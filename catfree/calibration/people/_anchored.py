@@ -49,11 +49,12 @@ from catfree.types import GeoReference
 from catfree.types._validation import shown_camera
 
 ROUNDS = 20  # of linearization; a fit takes four
+FARTHEST = 20.0  # logarithm of the scale, beyond which a fit diverges
 CONVERGED = 1e-9  # meters, radians and relative
 SAME = 1e-6  # difference of two sums of squares that rounding explains
 UNKNOWN = 1e3  # relative standard deviation of a height of which nothing is known
 FLATTEST = 0.01  # radians below the horizon; a pixel sees nearer ground
-UNCHECKED = 1e-6  # share of a measurement's information below which nothing else determines it
+UNCHECKED = 1e-9  # share of a measurement's information below which nothing else determines it
 ON_MAP = (POSITION, ROTATION, POINT)
 LOGARITHMS = (DISTANCE, HEIGHT, FOCAL)
 
@@ -115,7 +116,8 @@ def anchored(
     Raises:
         InvalidInputError: if an anchor refers to no camera, has a pixel outside its image, shows no
             ground, or if positions on the map are too few.
-        CalibrationError: if only cameras that are not registered see the map.
+        CalibrationError: if only cameras that are not registered see the map, or if anchors that
+            agree with each other make people of an impossible height.
     """
     settings = CalibrationSettings() if settings is None else settings
     rig = calibration.scene.rig
@@ -158,6 +160,12 @@ def anchored(
             )
     innovation, is_used = next(results)
     checks.append(_check_of_crowd(calibration, innovation, used=is_used))
+    if innovation.log_p < np.log(settings.anchor_level):
+        tall = calibration.crowd_height * np.exp(-innovation.off[0])
+        raise CalibrationError(
+            f"By the anchors the people are {tall:.2f} m tall on average, which nobody is. Check "
+            "that the anchors are in meters."
+        )
     return _described(calibration, fit, tuple(checks), earth)
 
 
@@ -184,14 +192,17 @@ class _Problem:
     def misfit_without(self, chosen: Bool[np.ndarray, " u"], at: int) -> float:
         """Sum of squares without one of the chosen measurements, or without the crowd's height.
 
-        Infinite if the map frame is no longer determined.
+        Infinite if the map frame is no longer determined, or the fit diverges.
         """
         if at == len(self.usable):
             return self.fit(chosen, UNKNOWN).misfit
         rest = chosen & (np.arange(len(chosen)) != at)
         if len(_start(list(compress(self.usable, rest)), self.cameras)) < len(self.start):
             return np.inf
-        return self.fit(rest).misfit
+        try:
+            return self.fit(rest).misfit
+        except CalibrationError:
+            return np.inf
 
     def fit(self, chosen: Bool[np.ndarray, " u"], crowd: float | None = None) -> _Fit:
         """Fit cameras and map frame to the chosen measurements and the crowd's height.
@@ -204,6 +215,9 @@ class _Problem:
             chosen: (m + 1,) the measurements to fit, and last whether the crowd is as usual.
             crowd: relative standard deviation of the crowd's height, if it is neither as usual
                 nor as unusual.
+
+        Raises:
+            CalibrationError: if the fit diverges.
         """
         if crowd is None:
             crowd = self.crowd if chosen[-1] else self.unusual
@@ -228,6 +242,8 @@ class _Problem:
             step = Q @ G.T @ W @ off
             change = max(np.abs(step).max(), np.abs(moved - at).max())
             at, frame, rounds = moved, frame + np.pad(step, (0, fixed)), rounds + 1
+            if not abs(frame[0]) < FARTHEST:
+                raise _contradiction()
         cross = -gain @ W @ G @ Q
         free = np.block([[prior - gain @ M @ gain.T, cross], [cross.T, Q]])
         joint = np.pad(free, (0, fixed))
@@ -255,7 +271,7 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
         their fit.
 
     Raises:
-        CalibrationError: if the map frame is not determined by what remains.
+        CalibrationError: if the map frame is not determined by what remains, or the fit diverges.
     """
     crowd = len(problem.usable)
     chosen = np.ones(crowd + 1, bool)
@@ -267,10 +283,7 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
         if len(against):
             left = [problem.misfit_without(chosen, int(at)) for at in against]
             if np.isinf(left).all():
-                raise CalibrationError(
-                    "The anchors on the map contradict the people and each other; check their "
-                    "units, the order of x and y, and whether x, y and up are right-handed."
-                )
+                raise _contradiction()
             same = against[np.array(left) <= (1 + SAME) * min(left) + SAME]
             chosen[crowd] = True
             chosen[crowd if same[-1] == crowd else same[0]] = False
@@ -279,6 +292,13 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
         if not len(again):
             return chosen, fit
         chosen[again[0]] = returned[again[0]] = True
+
+
+def _contradiction() -> CalibrationError:
+    return CalibrationError(
+        "The anchors on the map contradict the people and each other; check their units, the order "
+        "of x and y, and whether x, y and up are right-handed."
+    )
 
 
 def _prior(calibration: Calibration) -> Float[np.ndarray, "n n"]:

@@ -37,7 +37,6 @@ def written(folder, rig):
     scene = Scene.from_rig(rig, FLOOR, metric=True)
     scene.save(folder / "scene.npz")
     yaml, cam_info, colmap = folder / "yaml", folder / "camInfo", folder / "colmap"
-    yaml.mkdir()
     write_opencv_yaml(yaml, rig, NAMES)
     write_mv3dt(cam_info, rig, NAMES)
     (folder / "reconstruction" / "sparse").mkdir(parents=True)

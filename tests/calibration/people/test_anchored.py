@@ -210,6 +210,19 @@ def test_lengths_that_no_crowd_explains_are_errors():
     assert not found.anchors[0].used
     assert found.crowd_height == calibration.crowd_height
     np.testing.assert_allclose(parameters_of(found), parameters_of(calibration), atol=1e-9)
+    height = float(1000 * true_cameras()[0, Z])  # in millimeters
+    found = anchored(calibration, [cf.KnownCamera(0, height=height)])
+    assert not found.anchors[0].used
+
+
+@pytest.mark.parametrize("unit", [3.28, 1000.0])
+def test_anchors_in_another_unit_that_agree_with_each_other_are_refused(unit):
+    calibration, rng = drawn(1)
+    lengths = [distance(camera, rng, unit) for camera in (0, 1)]
+    points = [cf.SurveyedPoint(1, pixel_of(1, (x, 1)), (unit * x, unit)) for x in (-2, 0, 2)]
+    for anchors in (lengths, points):
+        with pytest.raises(CalibrationError, match="Check that the anchors are in meters"):
+            anchored(calibration, anchors)
 
 
 @pytest.mark.parametrize("seed", [0, 1])

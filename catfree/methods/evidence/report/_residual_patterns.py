@@ -72,8 +72,9 @@ def explained(
     beta = inverse @ np.einsum("nka,nk->a", X, r)
     score = np.zeros((int(block.max(initial=-1)) + 1, len(scale)))
     np.add.at(score, block, np.einsum("nka,nk->na", X, r - X @ beta))
-    free = max(len(score) - len(scale), 0)  # blocks that the coefficients do not fit anyway
-    spread = inverse @ (score.T @ score) @ inverse * len(score) / max(free, 1)
+    blocks = len(np.unique(block[present.any(1)]))  # those that this camera sees
+    free = max(blocks - len(scale), 0)  # blocks that the coefficients do not fit anyway
+    spread = inverse @ (score.T @ score) @ inverse * blocks / max(free, 1)
     constant = normal[:3, :3] + 1e-6 * np.eye(3)
     offset = np.linalg.solve(constant, np.einsum("nka,nk->a", X[..., :3], r))
     plain = r - X[..., :3] @ offset

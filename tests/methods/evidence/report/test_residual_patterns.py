@@ -53,6 +53,8 @@ def test_the_errors_of_as_few_people_as_coefficients_have_no_pattern(seed, peopl
     columns, block, noise = drawn(seed)
     few = block < people
     assert (explained(noise[few], columns[few], block[few]).share <= 0).all()
+    apart = 9 * block[few]  # other cameras see the people between
+    assert (explained(noise[few], columns[few], apart).share <= 0).all()
 
 
 def test_one_instant_has_no_halves():
