@@ -73,8 +73,7 @@ def fit_planes(
         np.ones(len(boxes), bool),
     )
     generator = np.random.default_rng(0)
-    n = padded_length(len(boxes), BLOCK)
-    starts = [_sample_plane(boxes[chosen], n, focal, settings, generator) for chosen in subsets]
+    starts = [_sample_plane(boxes[chosen], focal, settings, generator) for chosen in subsets]
     begun = {subset: start for subset, start in enumerate(starts) if start is not None}
     if not begun:
         return np.zeros((0, 7))
@@ -85,6 +84,7 @@ def fit_planes(
     spread = np.hypot(settings.person_height_sd, by_edges)
     member = np.stack([m for chosen in subsets for m in (chosen, subsets[-1])])
     start = np.stack([begun.get(at, usual) for at in (0, 0, 1, 1, 2, 2)])
+    n = padded_length(len(boxes), BLOCK)
     with jax.enable_x64(True):
         sample = _Sample(
             padded(boxes, n),
@@ -108,15 +108,11 @@ def fit_planes(
 
 def _sample_plane(
     boxes: Float[np.ndarray, "b 3"],
-    length: int,
     focal: float,
     settings: CalibrationSettings,
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "7"] | None:
-    """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon.
-
-    The compiled part pads the boxes to `length`.
-    """
+    """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon."""
     if len(boxes) < FEWEST_BOXES:
         return None
     design = np.stack([boxes[:, 0] / focal, boxes[:, 2] / focal, np.ones(len(boxes))], -1)
@@ -139,13 +135,13 @@ def _sample_plane(
     plane[LOG_FOCAL] = np.log(focal)
     plane[TILT] = np.arcsin(np.clip(normal[2], -0.99, 0.99))
     plane[ROLL] = np.arctan2(normal[0], normal[1])
-    plane[Z] = 1.0
-    with jax.enable_x64(True):
-        height = np.asarray(_heights(plane, padded(boxes, length), np.zeros(())))[: len(boxes)]
-    usable = np.isfinite(height) & (height > 0)
-    if usable.sum() < FEWEST_BOXES:
+    # Of the line of sight to the foot and of the head's image, how fast they go down and up.
+    fall, rise = design @ normal, normal[1] - (design[:, 1] - tall) * normal[2]
+    known = (fall > 1 / FLATTEST) & (rise > 1 / FLATTEST)
+    if known.sum() < FEWEST_BOXES:
         return None
-    plane[Z] = settings.apparent_height / np.median(height[usable])
+    in_camera_heights = tall[known] / (fall[known] * rise[known])
+    plane[Z] = settings.apparent_height / np.median(in_camera_heights)
     return plane
 
 
@@ -175,9 +171,6 @@ def _height(
     known = (depth > 0) & (depth < FLATTEST * plane[Z])
     known &= jnp.abs(gain) * FLATTEST > jnp.exp(plane[LOG_FOCAL])
     return jnp.where(known, height, jnp.nan)
-
-
-_heights = jax.jit(jax.vmap(_height, (None, 0, None)))
 
 
 def _misfit(plane: Float[Array, "7"], sample: _Sample) -> Float[Array, " n"]:
