@@ -20,7 +20,15 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import as_integer, require_names, shown_camera
+from catfree.types._validation import (
+    as_count,
+    as_integer,
+    require_boxes_in_images,
+    require_different_cameras,
+    require_few_people,
+    require_names,
+    shown_camera,
+)
 
 FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
 
@@ -116,11 +124,15 @@ def register(
         The rig, the ground z = 0, and the evidence for each camera.
 
     Raises:
-        InvalidInputError: if sizes or names do not match the detections.
+        InvalidInputError: as `calibrate`, or if sizes or names do not match the detections.
         CalibrationError: if fewer than two cameras can be trusted.
     """
     settings = CalibrationSettings() if settings is None else settings
+    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
+    require_few_people(detections.frame, detections.camera, camera_names)
+    require_different_cameras(detections.frame, detections.camera, detections.box, camera_names)
     size = camera_sizes(detections, image_size)
+    require_boxes_in_images(detections.camera, detections.box, size, camera_names)
     require_names(camera_names, len(size))
     report = progress or no_progress
     offset = np.zeros(len(size), np.int64)
