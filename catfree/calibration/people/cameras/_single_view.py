@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, Z, projection
 from catfree.geometry._arrays import safe_norm
-from catfree.geometry._buckets import padded, padded_length
+from catfree.geometry._buckets import padded
 from catfree.geometry._least_squares import (
     Residuals,
     SchurLevenbergMarquardt,
@@ -30,9 +30,8 @@ from catfree.types._sampling import evenly_spread
 
 TRIALS = 400  # minimal samples; if half of the boxes are good, all 400 fail with probability e^-53
 TOLERANCE = 0.10  # relative to the predicted box height: twice the spread of heights
-LARGEST_SAMPLE = 1500  # boxes per fit
+LARGEST_SAMPLE = 1500  # boxes per fit; fewer are padded to this number
 FEWEST_BOXES = 12
-BLOCK = 512  # boxes are padded to this number times a power of four
 LARGEST_MISFIT = 30.0  # standard deviations
 FLATTEST = 1e3  # camera heights; feet that are farther away are near the horizon
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
@@ -84,16 +83,15 @@ def fit_planes(
     spread = np.hypot(settings.person_height_sd, by_edges)
     member = np.stack([m for chosen in subsets for m in (chosen, subsets[-1])])
     start = np.stack([begun.get(at, usual) for at in (0, 0, 1, 1, 2, 2)])
-    n = padded_length(len(boxes), BLOCK)
     with jax.enable_x64(True):
         sample = _Sample(
-            padded(boxes, n),
-            padded(1 / spread, n),
+            padded(boxes, LARGEST_SAMPLE),
+            padded(1 / spread, LARGEST_SAMPLE),
             jnp.asarray(settings.apparent_height),
             jnp.asarray(settings.foot_offset),
             jnp.asarray(1 / settings.roll_sd),
         )
-        member = padded(member, len(member), n)
+        member = padded(member, len(member), LARGEST_SAMPLE)
         planes, quality = map(np.asarray, _polish(jax.device_put(start), member, sample))
     fits: list[tuple[float, np.ndarray]] = []
     for subset in begun:
