@@ -56,8 +56,8 @@ def fit_planes(
         (P, 7) camera parameters with pan, X and Y zero, best supported first; (0, 7) if there are
         too few boxes or none fits.
     """
-    boxes, sd, valid = grid.of_camera(camera)
-    boxes, sd = boxes[valid], sd[valid]
+    valid = grid.valid[camera]
+    boxes, sd = grid.box[camera, valid], grid.sd[camera, valid]
     # Repeated boxes of people who stand still count once.
     cells = np.round(boxes / 8).astype(np.int64)
     _, keep = np.unique(cells, axis=0, return_index=True)
