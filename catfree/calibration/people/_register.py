@@ -278,7 +278,7 @@ def describe_registration(
     for camera, verdict in registered.verdicts.items():
         trusted[camera] = verdict.accepted
         if verdict.accepted:
-            association[camera] = verdict.judgment.association
+            association[camera] = verdict.association
             evidence[camera] = verdict.margin
     if trusted.sum() < 2:
         reasons = "; ".join(
