@@ -78,7 +78,7 @@ def find_offsets(
             for c in cameras
         ]
         report("offsets", done + 1, grid.camera_count)
-        if not gains or max(gains)[0] <= work.settings.minimum_margin:
+        if max(gains)[0] <= work.settings.minimum_margin:
             break
         best = int(np.argmax([gain for gain, _ in gains]))
         camera, shift = int(cameras[best]), gains[best][1]
