@@ -320,15 +320,14 @@ def weak_prior(
 
 
 def saves(few: BundleResult, more: BundleResult, share: float) -> bool:
-    """Return whether more free parameters of the cameras reduce the cost per person enough.
+    """Return whether more free parameters of the cameras reduce the cost enough.
 
     Args:
         few: the rig adjusted with few parameters.
-        more: the rig adjusted with more, to the same or other people.
-        share: of the cost per person that must be saved.
+        more: the rig adjusted with more, to the same people.
+        share: of the cost that must be saved.
     """
-    costs = [result.cost / max(len(result.people), 1) for result in (few, more)]
-    return costs[1] <= (1 - share) * costs[0]
+    return more.cost <= (1 - share) * few.cost
 
 
 def _median_size(residual: Float[np.ndarray, "n 3"]) -> float:
