@@ -158,7 +158,7 @@ def _register_bent(
         CalibrationError: if no two cameras share people, whatever the lenses.
     """
     best: tuple[Workspace, AdjustedRig] | None = None
-    refusal: CalibrationError | None = None
+    refusals: list[CalibrationError] = []
     for k1 in (0.0, *settings.bent_lenses):
         focal = np.median(settings.focal_shares) * size.max(1)
         lenses = RadialLenses(focal, np.full(len(size), k1))
@@ -166,15 +166,14 @@ def _register_bent(
         try:
             registered = register_cameras(work, report)
         except CalibrationError as error:
-            refusal = refusal or error
+            refusals.append(error)
             continue
         if best is None or all(np.greater(registered.quality, best[1].quality)):
             best = work, registered
         if best[1].quality[0] >= min(FEWEST_FOR_LENSES, work.useful.sum()):
             break
     if best is None:
-        assert refusal is not None
-        raise refusal
+        raise refusals[0]
     return best
 
 
