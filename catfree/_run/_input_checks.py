@@ -22,6 +22,7 @@ from catfree.adapters.files._fingerprint import hash_samples
 from catfree.adapters.video import SynchronizedVideos
 from catfree.adapters.video._video_sources import ImageFolder
 from catfree.calibration import Calibration, remove_offsets
+from catfree.calibration._calibrate import confident_boxes
 from catfree.calibration.people import offset_for
 from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
@@ -348,11 +349,8 @@ def calibration_warnings(
         for c in np.flatnonzero(offset)
     ]
     warnings += calibration.contradictions
-    sure = detections
-    if detections.score is not None:
-        least = max(settings.confidence, settings.calibration_confidence)
-        sure = detections[detections.score >= least]
-    sure = remove_offsets(sure, offset)
+    least = max(settings.confidence, settings.calibration_confidence)
+    sure = remove_offsets(confident_boxes(detections, least), offset)
     for camera in np.flatnonzero(~calibration.scene.rig.registered):
         likely_offset = offset_for(calibration, sure, int(camera), LONGEST, settings.calibration)
         if likely_offset:

@@ -23,8 +23,8 @@ from catfree.adapters.protocols import (
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration
-from catfree.calibration._calibrate import begin_calibration, finish_calibration
-from catfree.calibration.people import Anchor, anchored, resolve_anchors
+from catfree.calibration._calibrate import confident_boxes, refine_registered
+from catfree.calibration.people import Anchor, anchored, register, resolve_anchors
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.methods._localize import localize
@@ -80,18 +80,17 @@ def calibrate_cameras(
         )
     incomplete = np.unique(videos.silent[:, 0])
     detections = detections[~np.isin(detections.frame, incomplete)]
+    detections = confident_boxes(detections, settings.confidence)
     resolve_anchors(anchors, size, names)
     options = {"camera_names": names, "progress": progress}
 
     def begin() -> Calibration:
-        return begin_calibration(
-            detections, size, settings, maximum_offset=maximum_offset, **options
-        )
+        return register(detections, size, rules, maximum_offset=maximum_offset, **options)
 
     def compute() -> Calibration:
         # Registration and refinement take equally long: a killed run repeats only one of them.
-        begun = remembered("registration", begin)
-        return finish_calibration(begun, detections, settings, **options)
+        registered = remembered("registration", begin)
+        return refine_registered(registered, detections, settings, **options)
 
     def remembered(stage: str, step: Callable[[], Calibration]) -> Calibration:
         return cached(

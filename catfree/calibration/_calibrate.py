@@ -21,13 +21,7 @@ from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import require_own_process
-from catfree.types._validation import (
-    as_count,
-    require_boxes_in_images,
-    require_different_cameras,
-    require_few_people,
-    require_instance,
-)
+from catfree.types._validation import require_instance
 
 
 def calibrate(
@@ -79,56 +73,16 @@ def calibrate(
             than 5,000, or an anchor refers to no camera, to no ground or to no pixel of the image.
         ForkedProcessError: in a process forked after JAX was used.
     """
-    detections, settings = _confident(detections, settings)
+    require_own_process()
+    require_instance(detections, Detections, "detections")
+    if not isinstance(settings, Settings):
+        rules = CalibrationSettings() if settings is None else settings
+        require_instance(rules, CalibrationSettings, "settings")
+        settings = Settings(calibration=rules)
+    detections = confident_boxes(detections, settings.confidence)
     if anchors:  # their mistakes are told before the long work
         resolve_anchors(anchors, camera_sizes(detections, image_size), camera_names)
-    begun = begin_calibration(
-        detections,
-        image_size,
-        settings,
-        camera_names=camera_names,
-        maximum_offset=maximum_offset,
-        progress=progress,
-    )
-    calibration = finish_calibration(
-        begun, detections, settings, camera_names=camera_names, progress=progress
-    )
-    return anchored(calibration, anchors, settings.calibration, camera_names=camera_names)
-
-
-def begin_calibration(
-    detections: Detections,
-    image_size: ArrayInput,
-    settings: Settings | CalibrationSettings | None = None,
-    *,
-    camera_names: Sequence[str] | None = None,
-    maximum_offset: int = 0,
-    progress: Progress | None = None,
-) -> Calibration:
-    """Register as many cameras as the boxes support: the first half of `calibrate`.
-
-    Args:
-        detections: as `calibrate`.
-        image_size: as `calibrate`.
-        settings: as `calibrate`.
-        camera_names: as `calibrate`.
-        maximum_offset: as `calibrate`.
-        progress: as `calibrate`.
-
-    Returns:
-        The registered rig, for `finish_calibration`.
-
-    Raises:
-        CalibrationError: as `calibrate`.
-        InvalidInputError: as `calibrate`.
-    """
-    detections, settings = _confident(detections, settings)
-    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
-    require_few_people(detections.frame, detections.camera, camera_names)
-    require_different_cameras(detections.frame, detections.camera, detections.box, camera_names)
-    size = camera_sizes(detections, image_size)
-    require_boxes_in_images(detections.camera, detections.box, size, camera_names)
-    return register(
+    registered = register(
         detections,
         image_size,
         settings.calibration,
@@ -136,12 +90,16 @@ def begin_calibration(
         maximum_offset=maximum_offset,
         progress=progress,
     )
+    calibration = refine_registered(
+        registered, detections, settings, camera_names=camera_names, progress=progress
+    )
+    return anchored(calibration, anchors, settings.calibration, camera_names=camera_names)
 
 
-def finish_calibration(
-    begun: Calibration,
+def refine_registered(
+    registered: Calibration,
     detections: Detections,
-    settings: Settings | CalibrationSettings | None = None,
+    settings: Settings,
     *,
     camera_names: Sequence[str] | None = None,
     progress: Progress | None = None,
@@ -149,9 +107,9 @@ def finish_calibration(
     """Refine a registered rig with the evidence method: the second half of `calibrate`.
 
     Args:
-        begun: the result of `begin_calibration`.
+        registered: the result of `register`.
         detections: the boxes given to it.
-        settings: as `calibrate`.
+        settings: of the evidence method and of the calibration.
         camera_names: as `calibrate`.
         progress: as `calibrate`.
 
@@ -161,15 +119,14 @@ def finish_calibration(
     Raises:
         CalibrationError: as `calibrate`.
     """
-    detections, settings = _confident(detections, settings)
     rules = settings.calibration
     if rules.evidence_rounds == 0:
-        return without_vague_cameras(begun, rules, camera_names)
-    synchronized = remove_offsets(detections, begun.frame_offset)
+        return without_vague_cameras(registered, rules, camera_names)
+    synchronized = remove_offsets(detections, registered.frame_offset)
     report = progress or no_progress
     loop = EvidenceLoop(synchronized, settings, report, camera_names)
     best, synchronized = synchronize(
-        loop.settle(begun),
+        loop.settle(registered),
         synchronized,
         settings,
         lambda boxes, rig: replace(loop, detections=boxes).refine(rig),
@@ -178,16 +135,6 @@ def finish_calibration(
     return without_vague_cameras(best, rules, camera_names)
 
 
-def _confident(
-    detections: Detections, settings: Settings | CalibrationSettings | None
-) -> tuple[Detections, Settings]:
-    """Select the confident boxes and complete the settings to those of a run."""
-    require_own_process()
-    require_instance(detections, Detections, "detections")
-    if not isinstance(settings, Settings):
-        rules = CalibrationSettings() if settings is None else settings
-        require_instance(rules, CalibrationSettings, "settings")
-        settings = Settings(calibration=rules)
-    if detections.score is not None:
-        detections = detections[detections.score >= settings.confidence]
-    return detections, settings
+def confident_boxes(detections: Detections, least: float) -> Detections:
+    """Select the boxes with at least this score; all if they have none."""
+    return detections if detections.score is None else detections[detections.score >= least]

@@ -171,7 +171,7 @@ def test_cameras_are_calibrated_from_instants_that_all_show(tmp_path, monkeypatc
         given.append(detections)
         raise CalibrationError("that is enough")
 
-    monkeypatch.setattr(stages_module, "begin_calibration", note)
+    monkeypatch.setattr(stages_module, "register", note)
     with pytest.raises(CalibrationError, match="that is enough"):
         run(folders, ReadsItsPicture(world.detections))
     assert given[0].frame.max() < FRAMES // 2
@@ -367,11 +367,16 @@ def test_doubtful_boxes_do_not_calibrate(pictures):
 def test_the_calibration_gets_the_settings_of_the_run(pictures, monkeypatch):
     given = []
 
-    def pretend(detections, image_size, settings, **options):
+    def begin(detections, image_size, settings, **options):
+        given.append(settings)
+        return made_up_calibration([0, 0, 0])
+
+    def finish(begun, detections, settings, **options):
         given.append((detections, settings))
         raise CalibrationError("pretended")
 
-    monkeypatch.setattr(stages_module, "begin_calibration", pretend)
+    monkeypatch.setattr(stages_module, "register", begin)
+    monkeypatch.setattr(stages_module, "refine_registered", finish)
     detector = ReadsItsPicture(small_world().detections, score=0.5)
     rules = Settings(
         calibration_confidence=0.4,
@@ -390,7 +395,8 @@ def test_the_calibration_gets_the_settings_of_the_run(pictures, monkeypatch):
             run(pictures, detector, settings=settings)
         detections, found = given[-1]
         assert len(detections) == len(small_world().detections)
-        assert found.confidence == 0.4  # which `calibrate` drops boxes below
+        assert found.confidence == 0.4
+        assert given[-2] == found.calibration
         assert found.evidence == rules.evidence
         assert found.calibration == replace(settings.calibration, box_slack=slack)
 
@@ -479,8 +485,8 @@ def test_a_calibration_killed_in_its_second_half_keeps_the_first(pictures, tmp_p
             raise KeyboardInterrupt
         return begun
 
-    monkeypatch.setattr(stages_module, "begin_calibration", begin)
-    monkeypatch.setattr(stages_module, "finish_calibration", finish)
+    monkeypatch.setattr(stages_module, "register", begin)
+    monkeypatch.setattr(stages_module, "refine_registered", finish)
     detector = ReadsItsPicture(small_world().detections)
     with pytest.raises(KeyboardInterrupt):
         run(pictures, detector, settings=Settings.paper(), cache_dir=tmp_path)
@@ -498,8 +504,8 @@ def test_clock_offsets_are_removed_and_stated(pictures, monkeypatch):
         asked.append(options["maximum_offset"])
         return made_up_calibration([0, -10, 0])
 
-    monkeypatch.setattr(stages_module, "begin_calibration", pretend)
-    monkeypatch.setattr(stages_module, "finish_calibration", lambda begun, *a, **k: begun)
+    monkeypatch.setattr(stages_module, "register", pretend)
+    monkeypatch.setattr(stages_module, "refine_registered", lambda begun, *a, **k: begun)
     settings = Settings.paper()
     outcome = run_stages(
         pictures, ReadsItsPicture(world.detections), settings=settings, maximum_offset=12
@@ -572,8 +578,8 @@ def test_a_misspelled_anchor_is_told_before_detection(pictures):
 @pytest.mark.slow
 def test_anchors_change_a_calibration_from_the_cache(pictures, tmp_path, monkeypatch):
     found = replace(made_up_calibration([0, 0, 0]), scene=small_world().true_scene)
-    monkeypatch.setattr(stages_module, "begin_calibration", lambda *a, **k: found)
-    monkeypatch.setattr(stages_module, "finish_calibration", lambda *a, **k: found)
+    monkeypatch.setattr(stages_module, "register", lambda *a, **k: found)
+    monkeypatch.setattr(stages_module, "refine_registered", lambda *a, **k: found)
     videos = SynchronizedVideos(pictures)
     boxes = Detections([0], [0], [[0.0, 0, 9, 20]])
     height = 2 * float(np.asarray(found.scene.rig.centers)[0, 2])

@@ -226,11 +226,11 @@ class _Problem:
         at, frame = self.cameras, np.pad(self.start, (0, fixed))
         change, rounds = np.inf, 0
         while True:
-            rows = _linear_rows(used, at, frame)
-            noise = [*rows.noise, np.array([[crowd**2]])]
-            A = np.pad(rows.by_camera, ((0, 1), (0, 0)))
-            G = np.vstack([rows.by_frame, np.eye(4)[:1]])[:, : len(self.start)]
-            off = np.append(rows.off, -frame[0]) + A @ (at - self.cameras).ravel()
+            J, noise, off = _linear_rows(used, at, frame)
+            noise.append(np.array([[crowd**2]]))
+            A = np.pad(J[:, :-4], ((0, 1), (0, 0)))
+            G = np.vstack([J[:, -4:], np.eye(4)[:1]])[:, : len(self.start)]
+            off = np.append(off, -frame[0]) + A @ (at - self.cameras).ravel()
             gain = prior @ A.T
             W = np.linalg.inv(A @ prior @ A.T + scipy.linalg.block_diag(*noise))
             WG = W @ G
@@ -357,28 +357,18 @@ def _start(
     return np.array([np.log(scale), angle, *shift])
 
 
-class _Rows(NamedTuple):
-    """Measurements linearized at a rig and a map frame, one row per stated number.
-
-    Attributes:
-        by_camera: (k, 7C) derivatives by the cameras.
-        by_frame: (k, 4) by the map frame.
-        noise: (d, d) covariance of what each measurement states, with that of its pixels.
-        off: (k,) stated minus predicted; of angles modulo a whole turn.
-    """
-
-    by_camera: Float[np.ndarray, "k n"]
-    by_frame: Float[np.ndarray, "k 4"]
-    noise: list[np.ndarray]
-    off: Float[np.ndarray, " k"]
-
-
 def _linear_rows(
     measurements: Sequence[Measurement],
     cameras: Float[np.ndarray, "cam 7"],
     frame: Float[np.ndarray, "4"],
-) -> _Rows:
-    """Linearize measurements at cameras and a map frame."""
+) -> tuple[Float[np.ndarray, "k n"], list[np.ndarray], Float[np.ndarray, " k"]]:
+    """Linearize k stated numbers at cameras and a map frame.
+
+    Returns:
+        (k, 7C + 4) derivatives by the cameras and by the map frame; (d, d) covariance of what each
+        measurement states, with that of its pixels; and (k,) stated minus predicted, of angles
+        modulo a whole turn.
+    """
     linear = linearize(measurements, cameras, frame)
     sizes = np.array([len(m.value) for m in measurements])
     rows = np.arange(3) < sizes[:, None]
@@ -388,9 +378,8 @@ def _linear_rows(
     by_camera[np.arange(len(owner)), camera] = linear.by_camera[rows]
     off = np.array([v for m in measurements for v in m.value]) - linear.value[rows]
     angle = np.array([m.kind == ROTATION for m in measurements], bool)[owner]
-    return _Rows(
-        by_camera.reshape(len(owner), cameras.size),
-        linear.by_frame[rows],
+    return (
+        np.hstack([by_camera.reshape(len(owner), cameras.size), linear.by_frame[rows]]),
         [
             np.diag(m.sd**2) + m.pixel_sd**2 * by_pixel[:size] @ by_pixel[:size].T
             for m, by_pixel, size in zip(measurements, linear.by_pixel, sizes, strict=True)
@@ -434,9 +423,8 @@ def _unused(
     covariance: Float[np.ndarray, "n n"],
 ) -> _Innovation:
     """Compare a measurement outside a fit with what the fit predicts."""
-    rows = _linear_rows([measurement], cameras, frame)
-    J, off = np.hstack([rows.by_camera, rows.by_frame]), rows.off
-    spread = J @ covariance @ J.T + rows.noise[0]
+    J, (noise,), off = _linear_rows([measurement], cameras, frame)
+    spread = J @ covariance @ J.T + noise
     log_p = scipy.stats.chi2.logsf(off @ np.linalg.solve(spread, off), len(off))
     return _Innovation(off, spread, float(log_p))
 

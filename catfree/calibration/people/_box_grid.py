@@ -56,16 +56,6 @@ class BoxGrid:
             part[camera] = np.roll(part[camera], shift, axis=0)
         return BoxGrid(box, sd, valid, self.size, self.frames)
 
-    def of_camera(
-        self, camera: int
-    ) -> tuple[
-        Float[np.ndarray, "frame slot 3"],
-        Float[np.ndarray, "frame slot"],
-        Bool[np.ndarray, "frame slot"],
-    ]:
-        """One camera's boxes (T, N, 3), their standard deviations and validity (T, N)."""
-        return self.box[camera], self.sd[camera], self.valid[camera]
-
 
 def grid_boxes(
     detections: Detections,

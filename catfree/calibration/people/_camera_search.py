@@ -203,7 +203,7 @@ def _with_cameras(
     association = np.where(kept, calibration.association_rate, np.nan)
     evidence = np.where(kept, calibration.log_likelihood_ratio, np.nan)
     for camera, verdict in verdicts.items():
-        association[camera] = verdict.judgment.association
+        association[camera] = verdict.association
         evidence[camera] = verdict.margin
     covariance = np.where(kept[:, None, None], calibration.center_covariance, np.nan)
     pairs = np.logical_and.outer(kept, kept)[:, None, :, None]

@@ -33,11 +33,10 @@ class RadialLenses:
         """Lenses of a rig; unregistered cameras get the median lens of the others."""
         known = np.asarray(rig.registered)
         k1 = radial_distortion(rig)
-        middle = float(np.median(k1[known])) if known.any() else 0.0
         size = rig.image_size.max(1)
         share = np.asarray(rig.K, np.float64)[:, 0, 0] / size
-        usual = float(np.median(share[known])) if known.any() else 1.0
-        return cls(np.where(known, share, usual) * size, np.where(known, k1, middle))
+        share, k1 = (np.where(known, a, np.median(a[known])) for a in (share, k1))
+        return cls(share * size, k1)
 
     def straightened(
         self, camera: Int[np.ndarray, " n"], edges: Float[np.ndarray, "n 3"]

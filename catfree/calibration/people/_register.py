@@ -20,7 +20,15 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import as_integer, require_names, shown_camera
+from catfree.types._validation import (
+    as_count,
+    as_integer,
+    require_boxes_in_images,
+    require_different_cameras,
+    require_few_people,
+    require_names,
+    shown_camera,
+)
 
 FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
 
@@ -116,11 +124,15 @@ def register(
         The rig, the ground z = 0, and the evidence for each camera.
 
     Raises:
-        InvalidInputError: if sizes or names do not match the detections.
+        InvalidInputError: as `calibrate`, or if sizes or names do not match the detections.
         CalibrationError: if fewer than two cameras can be trusted.
     """
     settings = CalibrationSettings() if settings is None else settings
+    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
+    require_few_people(detections.frame, detections.camera, camera_names)
+    require_different_cameras(detections.frame, detections.camera, detections.box, camera_names)
     size = camera_sizes(detections, image_size)
+    require_boxes_in_images(detections.camera, detections.box, size, camera_names)
     require_names(camera_names, len(size))
     report = progress or no_progress
     offset = np.zeros(len(size), np.int64)
@@ -146,7 +158,7 @@ def _register_bent(
         CalibrationError: if no two cameras share people, whatever the lenses.
     """
     best: tuple[Workspace, AdjustedRig] | None = None
-    refusal: CalibrationError | None = None
+    refusals: list[CalibrationError] = []
     for k1 in (0.0, *settings.bent_lenses):
         focal = np.median(settings.focal_shares) * size.max(1)
         lenses = RadialLenses(focal, np.full(len(size), k1))
@@ -154,15 +166,14 @@ def _register_bent(
         try:
             registered = register_cameras(work, report)
         except CalibrationError as error:
-            refusal = refusal or error
+            refusals.append(error)
             continue
         if best is None or all(np.greater(registered.quality, best[1].quality)):
             best = work, registered
         if best[1].quality[0] >= min(FEWEST_FOR_LENSES, work.useful.sum()):
             break
     if best is None:
-        assert refusal is not None
-        raise refusal
+        raise refusals[0]
     return best
 
 
@@ -266,7 +277,7 @@ def describe_registration(
     for camera, verdict in registered.verdicts.items():
         trusted[camera] = verdict.accepted
         if verdict.accepted:
-            association[camera] = verdict.judgment.association
+            association[camera] = verdict.association
             evidence[camera] = verdict.margin
     if trusted.sum() < 2:
         reasons = "; ".join(

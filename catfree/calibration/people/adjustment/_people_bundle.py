@@ -45,9 +45,9 @@ CONVERGED = 1e-4  # relative decrease of the cost that ends the iteration
 GAUGE_SD = 1e-5  # meters and radians; of the camera that fixes the gauge, and of fixed lenses
 STEEPEST_TILT = 1.5  # radians; at a right angle, heading and roll are the same
 CAMERA_HEIGHTS = (0.3, 80.0)  # meters
-# People are padded to this number times a power of 3: most adjustments are of one pair of cameras,
-# or of as many people as are used at most. Cameras are padded to a multiple of theirs.
-PEOPLE_BLOCK = 1360
+# People are padded to this number times a power of 2: most adjustments are of one pair of cameras,
+# or of as many people as the search uses at most. Cameras are padded to a multiple of theirs.
+PEOPLE_BLOCK = 1250
 CAMERA_BLOCK = 2
 
 
@@ -255,7 +255,7 @@ def adjust_people_bundle(
     used = sightings > 0
     boxes, precision = (np.zeros((cameras, count, 3)) for _ in range(2))
     boxes[data.camera, data.person], precision[data.camera, data.person] = data.box, 1 / data.sd
-    P, C = padded_length(count, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
+    P, C = padded_length(count, PEOPLE_BLOCK, 2), cameras + -cameras % CAMERA_BLOCK
     bent, lens_sd = (np.zeros(cameras), GAUGE_SD) if k1 is None else (k1, settings.distortion_sd)
     shown = np.where(used[:, None], np.column_stack([parameters, bent]), 0.0)
     camera_precision = np.column_stack([np.sqrt(known.precision), np.full(cameras, 1 / lens_sd)])
@@ -320,15 +320,14 @@ def weak_prior(
 
 
 def saves(few: BundleResult, more: BundleResult, share: float) -> bool:
-    """Return whether more free parameters of the cameras reduce the cost per person enough.
+    """Return whether more free parameters of the cameras reduce the cost enough.
 
     Args:
         few: the rig adjusted with few parameters.
-        more: the rig adjusted with more, to the same or other people.
-        share: of the cost per person that must be saved.
+        more: the rig adjusted with more, to the same people.
+        share: of the cost that must be saved.
     """
-    costs = [result.cost / max(len(result.people), 1) for result in (few, more)]
-    return costs[1] <= (1 - share) * costs[0]
+    return more.cost <= (1 - share) * few.cost
 
 
 def _median_size(residual: Float[np.ndarray, "n 3"]) -> float:

@@ -168,7 +168,7 @@ def map_camera(
         settings: constants.
         range_tolerance: as `map_ground`.
     """
-    boxes = grid.of_camera(camera)
+    boxes = grid.box[camera], grid.sd[camera], grid.valid[camera]
     return map_ground(parameters, *boxes, settings, range_tolerance=range_tolerance)
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, Z, projection
 from catfree.geometry._arrays import safe_norm
-from catfree.geometry._buckets import padded, padded_length
+from catfree.geometry._buckets import padded
 from catfree.geometry._least_squares import (
     Residuals,
     SchurLevenbergMarquardt,
@@ -30,9 +30,8 @@ from catfree.types._sampling import evenly_spread
 
 TRIALS = 400  # minimal samples; if half of the boxes are good, all 400 fail with probability e^-53
 TOLERANCE = 0.10  # relative to the predicted box height: twice the spread of heights
-LARGEST_SAMPLE = 1500  # boxes per fit
+LARGEST_SAMPLE = 1500  # boxes per fit; fewer are padded to this number
 FEWEST_BOXES = 12
-BLOCK = 512  # boxes are padded to this number times a power of four
 LARGEST_MISFIT = 30.0  # standard deviations
 FLATTEST = 1e3  # camera heights; feet that are farther away are near the horizon
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
@@ -57,8 +56,8 @@ def fit_planes(
         (P, 7) camera parameters with pan, X and Y zero, best supported first; (0, 7) if there are
         too few boxes or none fits.
     """
-    boxes, sd, valid = grid.of_camera(camera)
-    boxes, sd = boxes[valid], sd[valid]
+    valid = grid.valid[camera]
+    boxes, sd = grid.box[camera, valid], grid.sd[camera, valid]
     # Repeated boxes of people who stand still count once.
     cells = np.round(boxes / 8).astype(np.int64)
     _, keep = np.unique(cells, axis=0, return_index=True)
@@ -73,8 +72,7 @@ def fit_planes(
         np.ones(len(boxes), bool),
     )
     generator = np.random.default_rng(0)
-    n = padded_length(len(boxes), BLOCK)
-    starts = [_sample_plane(boxes[chosen], n, focal, settings, generator) for chosen in subsets]
+    starts = [_sample_plane(boxes[chosen], focal, settings, generator) for chosen in subsets]
     begun = {subset: start for subset, start in enumerate(starts) if start is not None}
     if not begun:
         return np.zeros((0, 7))
@@ -87,13 +85,13 @@ def fit_planes(
     start = np.stack([begun.get(at, usual) for at in (0, 0, 1, 1, 2, 2)])
     with jax.enable_x64(True):
         sample = _Sample(
-            padded(boxes, n),
-            padded(1 / spread, n),
+            padded(boxes, LARGEST_SAMPLE),
+            padded(1 / spread, LARGEST_SAMPLE),
             jnp.asarray(settings.apparent_height),
             jnp.asarray(settings.foot_offset),
             jnp.asarray(1 / settings.roll_sd),
         )
-        member = padded(member, len(member), n)
+        member = padded(member, len(member), LARGEST_SAMPLE)
         planes, quality = map(np.asarray, _polish(jax.device_put(start), member, sample))
     fits: list[tuple[float, np.ndarray]] = []
     for subset in begun:
@@ -108,15 +106,11 @@ def fit_planes(
 
 def _sample_plane(
     boxes: Float[np.ndarray, "b 3"],
-    length: int,
     focal: float,
     settings: CalibrationSettings,
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "7"] | None:
-    """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon.
-
-    The compiled part pads the boxes to `length`.
-    """
+    """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon."""
     if len(boxes) < FEWEST_BOXES:
         return None
     design = np.stack([boxes[:, 0] / focal, boxes[:, 2] / focal, np.ones(len(boxes))], -1)
@@ -139,13 +133,13 @@ def _sample_plane(
     plane[LOG_FOCAL] = np.log(focal)
     plane[TILT] = np.arcsin(np.clip(normal[2], -0.99, 0.99))
     plane[ROLL] = np.arctan2(normal[0], normal[1])
-    plane[Z] = 1.0
-    with jax.enable_x64(True):
-        height = np.asarray(_heights(plane, padded(boxes, length), np.zeros(())))[: len(boxes)]
-    usable = np.isfinite(height) & (height > 0)
-    if usable.sum() < FEWEST_BOXES:
+    # Of the line of sight to the foot and of the head's image, how fast they go down and up.
+    fall, rise = design @ normal, normal[1] - (design[:, 1] - tall) * normal[2]
+    known = (fall > 1 / FLATTEST) & (rise > 1 / FLATTEST)
+    if known.sum() < FEWEST_BOXES:
         return None
-    plane[Z] = settings.apparent_height / np.median(height[usable])
+    in_camera_heights = tall[known] / (fall[known] * rise[known])
+    plane[Z] = settings.apparent_height / np.median(in_camera_heights)
     return plane
 
 
@@ -175,9 +169,6 @@ def _height(
     known = (depth > 0) & (depth < FLATTEST * plane[Z])
     known &= jnp.abs(gain) * FLATTEST > jnp.exp(plane[LOG_FOCAL])
     return jnp.where(known, height, jnp.nan)
-
-
-_heights = jax.jit(jax.vmap(_height, (None, 0, None)))
 
 
 def _misfit(plane: Float[Array, "7"], sample: _Sample) -> Float[Array, " n"]:

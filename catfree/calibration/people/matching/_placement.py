@@ -142,8 +142,9 @@ def _count(
     spread = target.covariance[frame, slot].trace(axis1=1, axis2=2)
     spread += source.covariance[frame, other].trace(axis1=1, axis2=2)
     weight = 1 / np.sqrt(np.maximum(spread, cell**2))
-    p = (target.xy[frame, slot].astype(np.float32).T + np.float32(radius)) / np.float32(cell)
-    q = source.xy[frame, other].astype(np.float32).T / np.float32(cell)
+    p = (target.xy[frame, slot].astype(np.float32) + np.float32(radius)) / np.float32(cell)
+    q = source.xy[frame, other].astype(np.float32) / np.float32(cell)
+    by_x, by_y = (np.vstack([p[:, axis], q.T]) for axis in (0, 1))
     side = int(2 * radius / cell)
     angle = (np.arange(bins) * 2 * np.pi / bins).astype(np.float32)[:, None]
     votes = np.empty((bins, side, side))
@@ -151,10 +152,10 @@ def _count(
     for first in range(0, bins, step):
         # A blurred bin sums itself and the next one: one heading more than are stored.
         headings = angle[np.arange(first, min(first + step, bins) + 1) % bins]
-        c, s = np.cos(headings), np.sin(headings)
+        c, s, one = np.cos(headings), np.sin(headings), np.ones_like(headings)
         layer = np.arange(len(headings), dtype=np.int32)[:, None]
-        x = (p[0] - (c * q[0] - s * q[1])).astype(np.int32)
-        y = (p[1] - (s * q[0] + c * q[1])).astype(np.int32)
+        x = (np.hstack([one, -c, s]) @ by_x).astype(np.int32)
+        y = (np.hstack([one, -s, -c]) @ by_y).astype(np.int32)
         # Those out of range are counted in the first and in an additional row or column.
         at = (layer * (side + 1) + x.clip(0, side)) * (side + 1) + y.clip(0, side)
         count = np.bincount(

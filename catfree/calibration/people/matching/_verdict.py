@@ -18,31 +18,20 @@ from catfree.settings import CalibrationSettings
 
 
 @dataclass(frozen=True)
-class Judgment:
-    """Agreement of a camera's people with a map made without that camera.
+class PlacementVerdict:
+    """Agreement of a camera's people with a map made without that camera, compared with chance.
 
     Attributes:
         evidence: log-likelihood ratio of "same people" against "same places, other times".
         association: fraction matched of the people that both sides should see.
         matches: number of matched people.
+        margin: evidence above the highest at shifted times.
+        shortcomings: reasons not to trust the camera, as text.
     """
 
     evidence: float
     association: float
     matches: int
-
-
-@dataclass(frozen=True)
-class PlacementVerdict:
-    """A camera's evidence against the rest of the rig, compared with chance.
-
-    Attributes:
-        judgment: at the true time.
-        margin: its evidence above the highest at shifted times.
-        shortcomings: reasons not to trust the camera, as text.
-    """
-
-    judgment: Judgment
     margin: float
     shortcomings: tuple[str, ...]
 
@@ -91,8 +80,12 @@ def judge_camera(
     own_expected = np.any([seen_by(int(c), camera_people) for c in np.flatnonzero(rest.placed)], 0)
     density = chance_density(camera_people)
 
-    def at_shift(shift: int) -> Judgment:
-        """Weigh the camera's people against the map of the others; missing ones count against."""
+    def at_shift(shift: int) -> tuple[float, float, int]:
+        """Weigh the camera's people against the map of the others; missing ones count against.
+
+        Returns:
+            Evidence, association and matches.
+        """
         mine = camera_people.rolled(shift)
         time, slot, partner, distance, log_determinant = mutual_nearest(
             mine, others, settings.match_gate
@@ -113,14 +106,15 @@ def judge_camera(
         # A match less likely than two separate people counts as two separate people.
         evidence = float(np.maximum(log_ratio, 2 * miss).sum() + miss * (missed + unmatched))
         rates = [matches / max(1, matches + count) for count in (missed, unmatched)]
-        return Judgment(evidence, max(rates), matches)
+        return evidence, max(rates), matches
 
-    judgment = at_shift(0)
+    evidence, association, matches = at_shift(0)
     frames = grid.frame_count
     shares = settings.chance_shifts if shifts is None else shifts
     steps = sorted({round(share * frames) % frames for share in shares} - {0})
-    margin = judgment.evidence - max((at_shift(step).evidence for step in steps), default=np.inf)
-    return PlacementVerdict(judgment, margin, _shortcomings(judgment, margin, settings))
+    margin = evidence - max((at_shift(step)[0] for step in steps), default=np.inf)
+    shortcomings = _shortcomings(association, matches, margin, settings)
+    return PlacementVerdict(evidence, association, matches, margin, shortcomings)
 
 
 def judge_cameras(work: Workspace, state: RigState) -> dict[int, PlacementVerdict]:
@@ -137,16 +131,16 @@ def weakest(verdicts: dict[int, PlacementVerdict]) -> int | None:
 
 
 def _shortcomings(
-    judgment: Judgment, margin: float, settings: CalibrationSettings
+    association: float, matches: int, margin: float, settings: CalibrationSettings
 ) -> tuple[str, ...]:
     """List the criteria that a camera fails, as text."""
-    needed = max(settings.minimum_margin, settings.minimum_match_margin * judgment.matches)
+    needed = max(settings.minimum_margin, settings.minimum_match_margin * matches)
     reasons = []
-    if not judgment.matches > settings.minimum_matches:
-        reasons.append(f"{judgment.matches} matches, more than {settings.minimum_matches} needed")
-    if not judgment.association > settings.minimum_association:
+    if not matches > settings.minimum_matches:
+        reasons.append(f"{matches} matches, more than {settings.minimum_matches} needed")
+    if not association > settings.minimum_association:
         reasons.append(
-            f"matches {100 * judgment.association:.0f} % of the people that it shares with the "
+            f"matches {100 * association:.0f} % of the people that it shares with the "
             f"others, more than {100 * settings.minimum_association:.0f} % needed"
         )
     if not margin > needed:

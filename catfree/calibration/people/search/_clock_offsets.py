@@ -78,7 +78,7 @@ def find_offsets(
             for c in cameras
         ]
         report("offsets", done + 1, grid.camera_count)
-        if not gains or max(gains)[0] <= work.settings.minimum_margin:
+        if max(gains)[0] <= work.settings.minimum_margin:
             break
         best = int(np.argmax([gain for gain, _ in gains]))
         camera, shift = int(cameras[best]), gains[best][1]
@@ -116,7 +116,7 @@ def _offset_of_placed(
             log_focal=log_focal,
         )
         for shift, one in zip(untried, judged, strict=True):
-            evidence[shift] = -np.inf if one is None else one[1].judgment.evidence
+            evidence[shift] = -np.inf if one is None else one[1].evidence
         top = max(evidence, key=lambda shift: (evidence[shift], -abs(shift)))
         if top == best:
             return evidence[best] - evidence[0], best

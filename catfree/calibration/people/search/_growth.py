@@ -92,7 +92,7 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
     """
     while len(rig.verdicts) > 2:
         verdicts = rig.verdicts
-        per_match = {c: v.margin / max(1, v.judgment.matches) for c, v in verdicts.items()}
+        per_match = {c: v.margin / max(1, v.matches) for c, v in verdicts.items()}
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):

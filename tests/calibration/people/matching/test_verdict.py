@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.calibration.people.matching._verdict import Judgment, PlacementVerdict, _shortcomings
+from catfree.calibration.people.matching._verdict import PlacementVerdict, _shortcomings
 from catfree.settings import CalibrationSettings
 
 SETTINGS = CalibrationSettings()
 
 
 def verdict(matches: int, association: float, margin: float) -> PlacementVerdict:
-    judgment = Judgment(100.0, association, matches)
-    return PlacementVerdict(judgment, 100.0 - margin, _shortcomings(judgment, margin, SETTINGS))
+    shortcomings = _shortcomings(association, matches, margin, SETTINGS)
+    return PlacementVerdict(100.0, association, matches, margin, shortcomings)
 
 
 @pytest.mark.parametrize(

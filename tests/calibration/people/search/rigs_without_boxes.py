@@ -8,7 +8,7 @@ from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.adjustment._people_bundle import BundleResult
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState
-from catfree.calibration.people.matching._verdict import Judgment, PlacementVerdict
+from catfree.calibration.people.matching._verdict import PlacementVerdict
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
 
@@ -33,7 +33,7 @@ def state_of(cameras):
 
 
 def verdict_of(margin):
-    return PlacementVerdict(Judgment(100.0, 1.0, 50), margin, ())
+    return PlacementVerdict(100.0, 1.0, 50, margin, ())
 
 
 def rig_of(cameras):
