@@ -13,6 +13,7 @@ from catfree.filters._otsu import log_otsu, otsu
 from catfree.filters._sample_arrays import as_floating, as_mask
 from catfree.settings import Selection
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import as_number
 
 Gate = Literal["support", "uncertainty", "ground"]
 Sample = Literal["all", "remaining"]
@@ -110,7 +111,7 @@ def select(
 
     Source: paper, Sec. "Selecting pedestrian positions".
     """
-    if fixed_quantile is not None and not 0 <= fixed_quantile <= 1:
+    if fixed_quantile is not None and not 0 <= as_number(fixed_quantile, "fixed_quantile") <= 1:
         raise InvalidInputError(f"fixed_quantile is {fixed_quantile}; it must be between 0 and 1.")
     if not isinstance(gates, str) or gates not in ORDERS:
         raise InvalidInputError(f"gates is {quoted(gates)}; it must be one of {', '.join(ORDERS)}.")

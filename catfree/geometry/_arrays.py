@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from catfree.errors import InvalidInputError
 from catfree.types._annotations import HostOrDevice
 from catfree.types._rig import UNIT_TOLERANCE
-from catfree.types._validation import is_traced, require_shape
+from catfree.types._validation import as_float, is_traced, require_shape
 
 # Standard deviation of a zero-mean normal variable over the median of its absolute value.
 MEDIAN_TO_DEVIATION = 1.4826
@@ -26,6 +26,9 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
 
     The dtype is the widest float among the arrays, or JAX's default float if there are none.
     Python scalars never widen it.
+
+    Raises:
+        InvalidInputError: if something does not hold real numbers.
     """
     # A Python scalar that was passed through `jax.jit` arrives as a weakly typed array.
     arrays = [
@@ -34,7 +37,7 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
     floats = [jnp.result_type(a) for a in arrays if jnp.issubdtype(a.dtype, jnp.floating)]
     # Only the widths matter: float32 and float64 are the library's two dtypes.
     dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)
-    return tuple(None if v is None else jnp.asarray(v, dtype) for v in values)
+    return tuple(None if v is None else jnp.asarray(as_float(v), dtype) for v in values)
 
 
 def require_vectors(length: int, **vectors: Any) -> None:

@@ -12,7 +12,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import Scalar, epsilon, float_arrays, require_vectors
 from catfree.types import Plane, Scene
 from catfree.types._annotations import HostOrDevice
-from catfree.types._validation import as_count, is_traced, require_shape
+from catfree.types._validation import as_count, is_traced, require_instance, require_shape
 
 # A ray whose slope to the plane is below this many epsilons is parallel to it.
 PARALLEL_EPSILONS = 8.0
@@ -36,10 +36,11 @@ def plane_distance(plane: Plane, position: Real[HostOrDevice, "3"]) -> Float[Arr
         () unsigned distance in scene units; its gradient on the plane is 0.
 
     Raises:
-        InvalidInputError: if position is not one vector.
+        InvalidInputError: if plane is not a `Plane`, or position is not one vector.
 
     Source: paper, Sec. "Selecting pedestrian positions", ground-plane consistency filter.
     """
+    require_instance(plane, Plane, "plane")
     position, normal, offset = float_arrays(position, plane.normal, plane.offset)
     require_vectors(3, position=position)
     return jnp.abs(jnp.sum(normal * position) + offset)
@@ -63,11 +64,12 @@ def intersect_ray(
         valid: () whether the ray meets the plane, ahead of its origin.
 
     Raises:
-        InvalidInputError: if origin or direction is not one vector.
+        InvalidInputError: if plane is not a `Plane`, or origin or direction not one vector.
 
     Source: Hartley and Zisserman, "Multiple View Geometry" (2004), Sec. 3.2.2, meet of a line and a
         plane.
     """
+    require_instance(plane, Plane, "plane")
     origin, direction, normal, offset = float_arrays(origin, direction, plane.normal, plane.offset)
     require_vectors(3, origin=origin, direction=direction)
     height = jnp.sum(normal * origin) + offset

@@ -15,6 +15,7 @@ from catfree.geometry._arrays import (
 )
 from catfree.types import Plane
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import require_instance
 
 # Below this many epsilons the reciprocal condition of a matrix is rounding noise.
 SINGULAR_EPSILONS = 8.0
@@ -72,8 +73,12 @@ def ground_covariance(information: Real[HostOrDevice, "3 3"], plane: Plane) -> F
         (2, 2) `Pᵀ Λ⁻¹ P` in scene units² along the axes of `plane.basis`; infinite variances and
         zero covariance where Lambda is not invertible.
 
+    Raises:
+        InvalidInputError: if plane is not a `Plane`.
+
     Source: paper, Eq. sigma.
     """
+    require_instance(plane, Plane, "plane")
     covariance, singular = _covariance(*float_arrays(information, plane.basis))
     infinite = jnp.where(jnp.eye(2, dtype=bool), jnp.inf, 0).astype(covariance.dtype)
     return jnp.where(singular, infinite, covariance)
@@ -90,8 +95,12 @@ def ground_sigma(information: Real[HostOrDevice, "3 3"], plane: Plane) -> Float[
         () `sqrt(tr(Pᵀ Λ⁻¹ P) / 2)` in scene units; infinity with gradient 0 where Lambda is not
         invertible (fewer than two rays, or parallel ones).
 
+    Raises:
+        InvalidInputError: if plane is not a `Plane`.
+
     Source: paper, Eq. sigma.
     """
+    require_instance(plane, Plane, "plane")
     covariance, singular = _covariance(*float_arrays(information, plane.basis))
     variance = (covariance[0, 0] + covariance[1, 1]) / 2
     return jnp.where(singular, jnp.inf, jnp.sqrt(jnp.where(singular, 1, variance)))

@@ -16,6 +16,7 @@ from catfree.types._rig import RIG_FIELDS, Rig
 from catfree.types._validation import (
     as_boolean,
     as_float,
+    as_number,
     is_traced,
     require_finite,
     require_instance,
@@ -119,13 +120,13 @@ class Scene(eqx.Module):
         extent: Any,
         metric: bool = False,
         georeference: GeoReference | None = None,
-        rig_sd: float | None = None,
+        rig_sd: Any = None,
     ) -> None:
         """Validate and store.
 
         Raises:
             InvalidInputError: if rig, ground, metric or georeference is something else, the extent
-                is not positive, `rig_sd` is negative, or the cameras are below the ground.
+                is not positive, `rig_sd` is not a length, or the cameras are below the ground.
         """
         require_instance(rig, Rig, "rig")
         require_instance(ground, Plane, "ground")
@@ -136,13 +137,15 @@ class Scene(eqx.Module):
         flag = as_boolean(metric, "metric")
         require_shape(flag, (), "metric")
         self.metric = bool(flag)
-        self.rig_sd = rig_sd if rig_sd is None or is_traced(rig_sd) else float(rig_sd)
+        if not (rig_sd is None or is_traced(rig_sd)):
+            rig_sd = as_number(rig_sd, "rig_sd")
+        self.rig_sd = rig_sd
         require_shape(self.extent, (), "extent")
         if is_traced(self.extent, rig.R, rig.t, ground.normal, ground.offset):
             return
         if not (np.isfinite(self.extent) and self.extent > 0):
             raise InvalidInputError(f"extent is {self.extent}; it must be a positive length.")
-        if self.rig_sd is not None and not 0 <= self.rig_sd < np.inf:
+        if self.rig_sd is not None and self.rig_sd < 0:
             raise InvalidInputError(f"rig_sd is {self.rig_sd}; it must be a length, or None.")
         height = np.asarray(ground.signed_distance(np.asarray(rig.centers)))[rig.registered]
         if height.size and np.median(height) < 0:

@@ -183,6 +183,9 @@ def test_a_quantile_outside_its_range_is_an_error():
     one = np.ones(1, np.float32)
     with pytest.raises(InvalidInputError, match=r"fixed_quantile is 1\.5"):
         filters.select(one, one, one, one > 0, fixed_quantile=1.5)
+    unchecked = inspect.unwrap(filters.select)  # the tests' check of types comes before
+    with pytest.raises(InvalidInputError, match="fixed_quantile is 'a'; it must be a finite numbe"):
+        unchecked(one, one, one, one > 0, fixed_quantile="a")
 
 
 @pytest.mark.slow

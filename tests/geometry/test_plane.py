@@ -221,6 +221,21 @@ def test_lists_of_points_are_points():
         assert float(plane.signed_distance(np.array([0.0, 0, 2]))) == pytest.approx(0, abs=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("function", "arguments"),
+    [
+        (geometry.plane_distance, (None, np.zeros(3))),
+        (geometry.intersect_ray, (None, np.zeros(3), np.ones(3))),
+        (geometry.ground_covariance, (np.eye(3), None)),
+        (geometry.ground_sigma, (np.eye(3), None)),
+    ],
+)
+def test_what_is_not_a_plane_is_told_so(function, arguments):
+    unchecked = inspect.unwrap(function)  # the tests' check of types comes before
+    with pytest.raises(InvalidInputError, match="plane must be a Plane, got NoneType"):
+        unchecked(*arguments)
+
+
 def test_ransac_without_points_is_one_error():
     with pytest.raises(InsufficientDataError, match="3 points"):
         geometry.fit_plane_ransac(np.zeros((0, 3)), jax.random.key(0))

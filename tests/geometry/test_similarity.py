@@ -301,6 +301,11 @@ def test_parts_of_another_shape_are_named(part, values):
         Similarity(**parts)
 
 
+def test_a_text_is_not_a_part():
+    with pytest.raises(InvalidInputError, match="Expected numbers, got"):
+        Similarity("a", np.eye(3), np.zeros(3))
+
+
 def test_what_cannot_be_moved_is_told_so():
     rig = Rig(np.eye(3)[None], np.eye(3)[None], np.zeros((1, 3)), (9, 9))
     ground = Plane([0.0, 0.0, 1.0], 1.0)

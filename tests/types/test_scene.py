@@ -186,9 +186,9 @@ def test_the_deviation_of_the_rig_is_kept_and_scales(tmp_path_factory, deviation
         assert larger.rig_sd == pytest.approx(scale * deviation)
 
 
-@pytest.mark.parametrize("deviation", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize("deviation", [-1.0, np.nan, np.inf, "a", [1.0]])
 def test_a_deviation_that_is_none_is_refused(deviation):
-    with pytest.raises(InvalidInputError, match="rig_sd"):
+    with pytest.raises(InvalidInputError, match=r"rig_sd is .*; it must be a"):
         dataclasses.replace(make_layout("ring4").scene, rig_sd=deviation)
 
 
