@@ -71,7 +71,12 @@ def similarities(
 
     Returns:
         A strategy of `cf.geometry.Similarity`.
+
+    Raises:
+        InvalidInputError: if the scales are not positive, the smallest first.
     """
+    if not 0 < scales[0] <= scales[1] < np.inf:
+        raise InvalidInputError(f"scales is {scales}; it must be two positive numbers in order.")
     entry = st.floats(-reach, reach)
     low, high = np.log(scales)
     scale = st.floats(low, high).map(lambda log: float(np.exp(log)))

@@ -75,6 +75,12 @@ def test_more_people_than_fit_are_refused():
         find(observed(people=5), lambda world: True)
 
 
+@pytest.mark.parametrize("scales", [(0.0, 1.0), (2.0, 1.0), (1.0, np.inf), (np.nan, 1.0)])
+def test_scales_are_positive(scales):
+    with pytest.raises(InvalidInputError, match="must be two positive numbers in order"):
+        similarities(scales)
+
+
 @pytest.mark.slow
 def test_shrinking_ends_at_the_plain_case():
     np.testing.assert_array_equal(find(rotations(), lambda R: True), np.eye(3))

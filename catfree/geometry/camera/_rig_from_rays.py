@@ -59,6 +59,8 @@ def rig_from_rays(
     size = as_integer(image_size, "image_size")
     size = np.tile(size, (count, 1)) if size.shape == (2,) else size
     require_shape(size, (count, 2), "image_size")
+    if (size <= 0).any():
+        raise InvalidInputError("image_size must hold positive numbers of pixels.")
     shape = np.maximum(np.round(nodes * size.max(0) / size.max()).astype(int), FEWEST_NODES)
     grids = [_rays(source, camera, _nodes(size[camera], shape)) for camera in range(count)]
     K = np.tile(np.eye(3), (count, 1, 1))

@@ -52,6 +52,8 @@ def test_wrong_sources_are_refused():
         cf.rig_from_rays(lambda camera, pixels: [[1, 0, 0], [1]], R, t, SIZE)
     with pytest.raises(InvalidInputError, match="R has no rotations"):
         cf.rig_from_rays(panorama, R[:0], t[:0], SIZE)
+    with pytest.raises(InvalidInputError, match="image_size must hold positive numbers"):
+        cf.rig_from_rays(panorama, R, t, (0, 0))
 
 
 @pytest.mark.slow
