@@ -24,7 +24,7 @@ RANK_EPSILONS = 8.0
 
 
 class Similarity(eqx.Module):
-    """`x -> scale * rotation @ x + translation`, in two or three dimensions.
+    """`x -> scale * rotation @ x + translation`, in any number of dimensions D.
 
     In single precision unless JAX's `jax_enable_x64` is set: on a map, where coordinates are large,
     set it or subtract an origin first.
@@ -95,7 +95,7 @@ def fit_similarity(
     """Fit the least-squares similarity that maps points to their counterparts.
 
     Args:
-        source: (N, D) points in the source frame, D 2 or 3.
+        source: (N, D) points in the source frame.
         target: (N, D) the same points in the target frame.
         weights: (N,) weight of each pair, 0 for an absent pair; None for equal weights.
         fixed_scale: keep scale 1 (a rigid transform).
@@ -108,7 +108,7 @@ def fit_similarity(
     Raises:
         InvalidInputError: if there are no points, or the shapes do not fit each other.
         DegenerateGeometryError: if points are not finite, or leave the rotation or scale
-            undetermined (fewer than three distinct points in 3-D, or all on a line); raised only
+            undetermined (in 3-D, fewer than three distinct points, or all on a line); raised only
             for concrete values.
 
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
@@ -117,8 +117,8 @@ def fit_similarity(
     source, target, weights = float_arrays(source, target, weights)
     if source.ndim != 2 or source.shape != target.shape or source.shape[0] == 0:
         raise InvalidInputError(
-            "A similarity needs pairs of points: two arrays of the same shape (n, 3) or (n, 2), "
-            f"n at least 1, got {source.shape} and {target.shape}."
+            "A similarity needs pairs of points: two arrays of the same shape (n, D), n at "
+            f"least 1, got {source.shape} and {target.shape}."
         )
     weights = jnp.ones(source.shape[0], source.dtype) if weights is None else weights
     if weights.shape != source.shape[:1]:
