@@ -87,9 +87,8 @@ def temporally_consistent(
         InvalidInputError: if an argument is of another kind or shape.
     """
     counted = np.ones(len(frame), bool) if where is None else _as_mask(where, len(frame))
-    if as_count(minimum_frames, "minimum_frames") <= 1:
-        return counted.copy()
-    return counted & (frames_of_pairs(frame, tracklet, counted) >= minimum_frames)
+    least = as_count(minimum_frames, "minimum_frames")
+    return counted & ((frames_of_pairs(frame, tracklet, counted) >= least) | (least <= 1))
 
 
 def _as_mask(where: Any, count: int) -> Bool[np.ndarray, " h"]:

@@ -132,6 +132,14 @@ def test_a_mask_that_is_none_is_named(where, message):
         ([0, 0.5], [[0, 1]] * 2, r"frame\[1\] is 0.5"),
     ],
 )
-def test_what_is_no_table_of_tracklets_is_named(frame, tracklet, message):
+def test_what_is_no_table_of_tracklets_is_named(monkeypatch, frame, tracklet, message):
+    # The tests' check of types comes before.
+    consistent, count = map(
+        inspect.unwrap, (filters.temporally_consistent, filters.frames_of_pairs)
+    )
     with pytest.raises(InvalidInputError, match=message):
-        inspect.unwrap(filters.frames_of_pairs)(frame, tracklet)
+        count(frame, tracklet)
+    monkeypatch.setattr("catfree.filters._temporal.frames_of_pairs", count)
+    for least in (1, 2):
+        with pytest.raises(InvalidInputError, match=message):
+            consistent(frame, tracklet, minimum_frames=least)
