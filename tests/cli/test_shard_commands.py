@@ -167,7 +167,7 @@ def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):
         (["a.mp4", "b.mp4", "--scene", "scene.json"], "Camera 0: There is no video file"),
         (["x.npz", "--scene", "scene.json"], "x.npz"),
         (["mot", "--scene", "scene.json"], "mot holds files that end like boxes, not like a"),
-        (["boxes.parquet", "--scene", "scene.json"], "has no clock"),
+        (["boxes.parquet", "--scene", "scene.json"], "mean nothing. Give --frame-rate, or in a"),
         (["boxes.parquet", "--scene", "scene.json", *CUT[2:], "--every", "2"], "longer than"),
         (["boxes.parquet", "--scene", "scene.json", *CUT, "--detector", "a"], "--detector and"),
         (["boxes.parquet", "--scene", "scene.json", *CUT, "--offsets", "0", "1"], "to videos"),
