@@ -94,8 +94,8 @@ def write_blocks(folder: str | os.PathLike[str], blocks: Sequence[Block]) -> lis
 
 
 def to_markdown(blocks: Iterable[Block]) -> str:
-    """Blocks as Markdown."""
-    return "\n\n".join(_markdown_parts(blocks)) + "\n"
+    """Blocks as Markdown, whose text is not HTML."""
+    return "\n\n".join(_markdown_parts(blocks)).replace("<", "\\<") + "\n"
 
 
 def _markdown_parts(blocks: Iterable[Block]) -> list[str]:
