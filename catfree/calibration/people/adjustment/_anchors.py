@@ -192,9 +192,14 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
         FileFormatError: if the file is not JSON of this form.
     """
     document = read_json(path, "anchors")
-    if not isinstance(document, dict) or not document.keys() <= _LISTS.keys():
+    if not isinstance(document, dict):
         raise FileFormatError(
             f"{path}: anchors are an object with the lists distances, cameras and points."
+        )
+    if not document.keys() <= _LISTS.keys():
+        raise FileFormatError(
+            f"{path} has {quoted(min(document.keys() - _LISTS.keys()))}; it may have "
+            f"{', '.join(_LISTS)}."
         )
     anchors: list[Anchor] = []
     for name, kind in _LISTS.items():

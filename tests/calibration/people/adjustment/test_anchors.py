@@ -59,7 +59,7 @@ def test_a_file_holds_anchors_of_all_kinds(tmp_path):
     ("document", "error", "sentence"),
     [
         ([], FileFormatError, "lists distances, cameras and points"),
-        ({"lines": []}, FileFormatError, "lists distances, cameras and points"),
+        ({"lines": []}, FileFormatError, "has 'lines'; it may have distances, cameras, points"),
         ({"cameras": [5]}, FileFormatError, "entry 0 of cameras must be an object"),
         ({"cameras": {"camera": 0}}, FileFormatError, "cameras must be a list"),
         ({"cameras": [{"camera": 0, "size": 1}]}, FileFormatError, "'size'"),
