@@ -82,6 +82,15 @@ def test_boxes_in_another_order_than_the_scene(world, boxes, tmp_path, capsys):
     assert float(moda.split("│")[2]) == pytest.approx(metrics.moda, abs=0.01)
 
 
+def test_boxes_of_one_camera_of_the_scene_are_told_so(world, boxes, tmp_path, capsys):
+    write_scene_json(tmp_path / "scene.json", world.scene, NAMES)
+    words = ["localize", str(boxes / "east.txt"), "--scene", str(tmp_path / "scene.json")]
+    assert cli.main([*words, "--out", str(tmp_path / "out"), "--no-pictures"]) == 1
+    said = sentence_after_table(capsys)
+    assert "needs boxes of at least 2 cameras. There are no boxes of these cameras" in said
+    assert "north, west" in said
+
+
 def test_nothing_is_concluded_from_missing_pictures(world, boxes, tmp_path):
     missing = np.array([[frame, 1] for frame in range(30, 45)])
     seen = world.detections
