@@ -71,7 +71,7 @@ class Clock:
         if (np.abs(frame) >= _LARGEST).any():
             raise InvalidInputError(
                 "seconds are too far from the start of the clock for an exact frame number; are "
-                "they on this clock?"
+                "they on this clock, and not milliseconds?"
             )
         return np.asarray(frame, np.int64)
 
