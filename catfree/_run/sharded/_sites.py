@@ -84,7 +84,8 @@ class Site:
         anchors: what is known about the site when its cameras are found from the people, as
             `calibrate` takes it, or a JSON file that `read_anchors` reads.
         silent: frame and camera number of pictures that do not exist, where the recording is saved
-            boxes, or a CSV or Parquet table with these columns.
+            boxes, or a CSV or Parquet table with these columns, which may name the cameras of
+            the scene.
         unit: length of one unit of a scene whose file does not state it, as `read_scene` takes it;
             None for meters.
     """
@@ -171,10 +172,11 @@ def run_sites(
             if site.name in failed:
                 continue
             try:
-                silent = _silent(site, scenes[site.name].rig.camera_count)
+                names = camera_names.get(site.name)
+                silent = _silent(site, names or _numbers(scenes[site.name].rig.camera_count))
                 plan += shards(
                     site.recording, every, overlap, site.frame_rate, silent=silent,
-                    site=site.name, date=site.date, camera_names=camera_names.get(site.name),
+                    site=site.name, date=site.date, camera_names=names,
                 )  # fmt: skip
             except CatFreeError as error:
                 reasons.append(f"{recording_name(site.name, site.date)}: {error}")
@@ -231,11 +233,16 @@ def _absolute(value: Any) -> Any:
     return os.path.abspath(value) if isinstance(value, str | os.PathLike) else value
 
 
-def _silent(site: Site, cameras: int) -> Int[np.ndarray, "k 2"] | None:
+def _silent(site: Site, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"] | None:
     """(K, 2) frame and camera of the pictures that a site lacks; None if it states none."""
     if isinstance(site.silent, str):
-        return read_missing_pictures(site.silent, [str(camera) for camera in range(cameras)])
+        return read_missing_pictures(site.silent, camera_names)
     return as_pictures(site.silent, "silent") if site.silent else None
+
+
+def _numbers(cameras: int) -> list[str]:
+    """Return the names of cameras that have none in a table of missing pictures."""
+    return [str(camera) for camera in range(cameras)]
 
 
 def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
@@ -449,7 +456,7 @@ def calibrate_site(
     path = folder / f"{key[:40]}.json"
     if path.is_file():
         return read_scene_json(path)[0]
-    silent = _silent(site, len(site.image_size or ()))
+    silent = _silent(site, _numbers(len(site.image_size or ())))
     plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate, silent=silent)
     reason: CatFreeError | None = None
     for shard in _spread(plan)[:MOST_TRIES]:

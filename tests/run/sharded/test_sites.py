@@ -330,6 +330,26 @@ def test_each_recording_needs_a_name_and_a_date_of_its_own(folder, tmp_path):
         run_sites([], out=tmp_path)
 
 
+def test_missing_pictures_are_of_cameras_by_their_names_or_numbers(
+    world, folder, executor, tmp_path, monkeypatch
+):
+    given = []
+
+    def keep(recording, *_, silent, **__):
+        given.append(silent.tolist())
+        raise InvalidInputError("Enough.")
+
+    monkeypatch.setattr(_sites, "shards", keep)
+    write_scene_json(tmp_path / "scene.json", world.scene, list("abcd"))
+    for camera in ("c", "2"):
+        (tmp_path / "missing.csv").write_text(f"frame,camera\n7,{camera}\n")
+        site = site_in(folder, scene=str(tmp_path / "scene.json"))
+        site = dataclasses.replace(site, silent=str(tmp_path / "missing.csv"))
+        with pytest.raises(ShardError, match="Enough"):
+            run_sites([site], out=tmp_path / "out", executor=executor, **CUT)
+    assert given == [[[7, 2]], [[7, 2]]]
+
+
 def test_cameras_of_saved_boxes_need_the_size_of_the_images(folder, executor, tmp_path):
     with pytest.raises(ShardError, match="give image_size, or a scene"):
         run_sites([site_in(folder, scene=None)], out=tmp_path, executor=executor, **CUT)
