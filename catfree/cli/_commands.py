@@ -219,11 +219,12 @@ def run(
             workers=processor_count() if workers is None else workers,
             unfinished=unfinished,
         )
+    assert outcome.videos is not None
     write_results(
         out,
         outcome,
         settings,
-        videos=outcome.videos or footage,
+        videos=outcome.videos,
         pictures=None if pictures else False,
         embeddings=embeddings,
         blur=blur,
@@ -233,7 +234,7 @@ def run(
         with progress_bars() as progress:
             write_overlay_video(
                 out / OVERLAY_FILE,
-                outcome.videos or footage,
+                outcome.videos,
                 outcome.detections,
                 outcome.localization,
                 outcome.scene,
