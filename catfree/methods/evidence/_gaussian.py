@@ -109,6 +109,11 @@ def invert_symmetric(matrix: Any) -> Any:
     return xp.stack(rows, axis=-2) / det[..., None, None]
 
 
+def symmetric(matrix: Float[np.ndarray, "*n d d"]) -> Float[np.ndarray, "*n d d"]:
+    """Matrices that are symmetric but for rounding, symmetric to the last bit."""
+    return (matrix + np.swapaxes(matrix, -1, -2)) / 2
+
+
 def mean_and_covariance(info: Information, spread: Any) -> tuple[Any, Any]:
     """Most likely state and its covariance, height prior included; (..., 3) and (..., 3, 3)."""
     matrix, vector, _ = with_height_prior(info, spread)

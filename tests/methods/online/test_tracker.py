@@ -68,6 +68,12 @@ def test_an_infinite_lag_is_localize():
 
 
 @pytest.mark.slow
+def test_covariances_are_symmetric_to_the_last_bit(stream):
+    for tracks in [cf.localize(DETECTIONS, SCENE).tracks, *(u.final for u in stream)]:
+        np.testing.assert_array_equal(tracks.covariance[:, 0, 1], tracks.covariance[:, 1, 0])
+
+
+@pytest.mark.slow
 @settings(max_examples=3, deadline=None)
 @given(st.integers(0, 12), st.sampled_from([0.0, 1.5]))
 def test_save_and_restore_change_nothing(tmp_path_factory, first, lag):
