@@ -359,7 +359,7 @@ def run_boxes(
                 f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "
                 f"{len(boxes.camera_names)}. Leave out the boxes of the other cameras."
             )
-        if len(boxes.camera_names) < 2 <= given.rig.camera_count:
+        if scene.rig.camera_count < 2 <= given.rig.camera_count:
             raise InsufficientDataError(
                 " ".join(("Localization needs boxes of at least 2 cameras.", *warnings))
             )
