@@ -67,7 +67,8 @@ def calibrate(
 
     Raises:
         CalibrationError: if fewer than two cameras can be registered, or if they disagree; if only
-            cameras that are not registered see the map.
+            cameras that are not registered see the map, or if anchors that agree with each other
+            make people of an impossible height.
         InvalidInputError: if shapes do not match, two cameras have the same boxes, many boxes of a
             camera are outside its image, a picture has more than 1,000 boxes or an instant more
             than 5,000, or an anchor refers to no camera, to no ground or to no pixel of the image.

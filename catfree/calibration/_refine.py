@@ -99,8 +99,8 @@ def refine(
     Raises:
         InvalidInputError: if a detection names a camera that the rig does not have, a camera is not
             a pinhole, two cameras have the same boxes, or `rounds` is negative.
-        InsufficientDataError: if fewer than three cameras are registered, or no person is seen by
-            three cameras.
+        InsufficientDataError: if fewer than three cameras are registered, none of the boxes is a
+            confident one of theirs, or no person is seen by three cameras.
 
     Source:
         Sec. "Camera configuration and ground estimation" of the paper for `Settings.paper()`.

@@ -492,8 +492,8 @@ def evaluate(
     tracked = np.unique(predicted[:, 0]).astype(np.int64)
     if len(tracked) and not np.isin(tracked, truth_frames).any():
         raise InsufficientDataError(
-            f"No position of {tracks} is in the frames {truth_frames[0]} to {truth_frames[-1]} of "
-            f"{ground_truth}; its own are {tracked[0]} to {tracked[-1]}. Number frames alike."
+            f"{tracks} and {ground_truth} have no frame in common: {tracked[0]} to {tracked[-1]} "
+            f"and {truth_frames[0]} to {truth_frames[-1]}. Number frames alike."
         )
     scored, alone = truth_frames, 0
     if true.frames is None and frames == "all":

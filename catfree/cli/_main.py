@@ -18,10 +18,10 @@ def main(arguments: list[str] | None = None) -> int:
         The exit code: 0, or 1 after an error, which is one sentence on standard error, or none if
         whoever read the output ended, as `head` does. Invalid arguments exit with 2.
     """
-    if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
-        print_text(f"catfree {catfree.__version__}")
-        return 0
     try:
+        if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+            print_text(f"catfree {catfree.__version__}")
+            return 0
         tyro = require_tyro()
         from catfree.cli._commands import COMMANDS  # which need tyro
 

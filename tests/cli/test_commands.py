@@ -295,6 +295,15 @@ def test_the_version_is_told_without_further_libraries(monkeypatch, capsys):
     assert capsys.readouterr().out == f"catfree {catfree.__version__}\n"
 
 
+def test_a_version_that_nobody_reads_is_no_traceback(monkeypatch, capsys):
+    def closed(text):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr("catfree.cli._main.print_text", closed)
+    assert cli.main(["--version"]) == 1
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.slow
 def test_evaluate_scores_tracks(world, results, tmp_path, capsys):
     tracks = read_tracks_csv(results / "tracks.csv")

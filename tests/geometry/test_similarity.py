@@ -187,13 +187,13 @@ def test_degenerate_points_raise_when_concrete_and_are_finite_when_traced(x64, n
         assert np.isfinite(jacobian).all()
 
 
-@pytest.mark.slow
 def test_the_nearest_rotation_takes_numpy_without_a_warning():
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     with warnings.catch_warnings(action="error"):
         np.testing.assert_allclose(geometry.nearest_rotation(3 * turn), turn, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_equal_singular_values_differentiate(x64):
     cube = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     gradient = fit_reverse(cube, cube, np.ones(6))

@@ -165,8 +165,9 @@ class _BoxTable:
     def embedding(self, vectors: Float[np.ndarray, "row d"]) -> Float[np.ndarray, "n d"]:
         """Return the row of the appearance vectors that each box selects."""
         index = self.column("emb_index", ())
-        if index is None:
+        if index is None and self.rows:
             raise FileFormatError("the boxes have no 'emb_index' into the appearance vectors.")
+        index = np.empty(0) if index is None else index
         outside = (index < 0) | (index >= len(vectors)) | (index != np.round(index))
         if outside.any():
             at = int(np.argmax(outside))

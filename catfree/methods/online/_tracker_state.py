@@ -38,7 +38,8 @@ class Learned:
         steps: (2,) sum of squares and number of displacements between instants, per axis.
         likeness: (2, 2) mean and deviation of `Likeness.same` and `Likeness.other`; None without
             embeddings.
-        places: (P, 4) position, design uncertainty and number of whole views of reported people.
+        places: (P, 4) position, design uncertainty and number of whole views of people as they
+            were judged at once, within the working area or not.
         usual: (2,) `UsualPlace` of these; NaN before any.
         habits: (4,) who came or left, was reported, hid; and frames hidden.
         active: (C,) whether the camera ever saw anybody.

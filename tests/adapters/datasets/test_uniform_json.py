@@ -207,6 +207,15 @@ def test_embedding_files_are_checked(tmp_path):
         read_uniform_json(path, embedding="osnet")
 
 
+def test_a_sequence_without_boxes_has_no_embeddings(tmp_path):
+    content = document()
+    for frame in content["frames"]:
+        frame["views"] = {}
+    np.savez(tmp_path / "two.npz", osnet=np.eye(3))
+    path = write(tmp_path / "two.json", content)
+    assert read_uniform_json(path, embedding="osnet").detections.embedding.shape == (0, 3)
+
+
 def test_a_world_behind_all_cameras_is_refused(tmp_path):
     content = document()
     for camera, R in zip(content["cameras"], (LOOKING_WEST, LOOKING_EAST), strict=True):

@@ -174,6 +174,7 @@ def test_an_instant_may_show_nobody():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ((0, 1.0), "camera_count is 0; it must be 1 or more"),
         ((-1, 1.0), "camera_count is -1; it must be 1 or more"),
         ((2, 0.0), "frame_rate"),
         ((2, 1.0, -1.0), "timeout"),

@@ -64,7 +64,7 @@ def usual_shift(
     """Median (by length) of the movements of the rows around each row of a track.
 
     Args:
-        trails: the tracks, each of which is somewhere seen within the reach of every row.
+        trails: the tracks; within the reach of each row, boxes show its person at least once.
         shift: (M, 2) result of `ground_shift`.
         reach: number of frames on either side to consider.
     """
