@@ -156,8 +156,6 @@ def finalize(
         for i, begin in zip(window, first, strict=False)
     ]
     trails, row = smooth(history, time, motion)
-    if len(trails) == 0:
-        return replace(state, window=window[ready:]), [], []
 
     def column(name: str) -> np.ndarray:
         return np.concatenate([getattr(i, name) for i in window])
@@ -169,8 +167,8 @@ def finalize(
     backward = chain_weights(trails, evidence, settings.change_evidence, last=True)
     on, off = (forward + backward).T
     probability = expit(on - evidence - off)
-    last = np.r_[np.diff(trails.track) != 0, True]
-    weight = of_trails("weight")[last][np.cumsum(np.r_[0, last[:-1]])]
+    last = np.searchsorted(trails.track, trails.track, side="right") - 1  # row of its track
+    weight = of_trails("weight")[last]
     matrix, vector = column("matrix"), column("vector")
     info = Information(matrix, vector, np.zeros(len(matrix)))
     likeness = likeness_of(learned, settings) if settings.link_by_looks else None

@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 import catfree as cf
 from catfree.errors import FileFormatError, InvalidInputError
+from catfree.methods.evidence.track._identify import HORIZON
 from catfree.methods.online._learn import WIDEST_SPACING, is_due, learn_step
 from catfree.synthetic import make_world
 from tests.methods.evidence.evidence_worlds import walk
@@ -412,6 +413,18 @@ def test_whoever_leaves_was_there_as_surely_as_whoever_stays():
     existence = np.concatenate([part.existence for part in final])
     assert len(existence) == 5
     assert (existence > 0.9999).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("empty", "known"), [(5, True), (HORIZON, False)])
+def test_whoever_is_away_for_too_long_is_somebody_new(empty, known):
+    tracker = cf.Tracker(SCENE, lag=1.0)
+    rows = [*feed(tracker, range(9))]
+    away = [tracker.update(DETECTIONS[:0], (9 + k) / RATE) for k in range(empty)]
+    assert all(len(update.final) == 0 for update in away[2:])
+    back = [tracker.update(boxes_of(f), (f + empty) / RATE) for f in range(9, 18)]
+    before, after = (set(final_rows(part)[:, 1]) for part in (rows, [*back, tracker.finish()]))
+    assert bool(before & after) == known
 
 
 @pytest.mark.slow
