@@ -46,9 +46,12 @@ class Similarity(eqx.Module):
             InvalidInputError: if shapes do not fit, or the scale is a number that is not positive.
         """
         self.scale, self.rotation, self.translation = float_arrays(scale, rotation, translation)
-        require_shape(self.scale, (), "The scale of a similarity")
-        require_shape(self.translation, (None,), "The translation of a similarity")
-        require_shape(self.rotation, 2 * self.translation.shape, "The rotation of a similarity")
+        shapes = self.scale.shape, self.rotation.shape, self.translation.shape
+        if shapes != ((), 2 * shapes[2], shapes[2][:1]):
+            raise InvalidInputError(
+                "A similarity needs a number as scale, a rotation (D, D) and a translation (D,); "
+                f"the shapes are {', '.join(map(str, shapes))}."
+            )
         if not is_traced(self.scale) and not np.all(np.asarray(self.scale) > 0):
             raise InvalidInputError(
                 f"The scale of a similarity is {self.scale}; it must be positive. A mirrored frame "

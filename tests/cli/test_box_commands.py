@@ -251,4 +251,4 @@ def test_a_benchmark_is_scored_by_its_protocol(tmp_path, capsys):
     assert "(but with other distances)" in shown
     write_tracks_csv(tmp_path / "tracks.csv", tracks[:2])
     assert cli.main(words) == 1
-    assert "its own are 1780 to 1785. Number frames alike" in sentence(capsys)
+    assert "in common: 1780 to 1785 and 1800 to 1835. Number frames alike" in sentence(capsys)

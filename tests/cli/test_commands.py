@@ -172,8 +172,8 @@ def test_report_blocks_escape_what_they_show():
     ):
         assert needle in page
     text = to_markdown(blocks)
-    assert "# a < b" in text
-    assert "| p\\|q | v |\n| --- | --- |\n| <b> | 1 |" in text
+    assert "# a \\< b" in text
+    assert "| p\\|q | v |\n| --- | --- |\n| \\<b> | 1 |" in text
 
 
 def test_blocks_of_a_page_are_in_its_text_too():
@@ -191,8 +191,8 @@ def test_blocks_of_a_page_are_in_its_text_too():
     assert '<video src="overlay.webm" aria-label="all &amp; everything" controls' in page
     assert "http" not in page
     for needle in (
-        "## Warnings\n\nMind <this>.\n\nAnd that.",
-        "| pass | all well | 4 of 4 |\n| unknown | so <so> | ? |\n| check | lost | 0 |",
+        "## Warnings\n\nMind \\<this>.\n\nAnd that.",
+        "| pass | all well | 4 of 4 |\n| unknown | so \\<so> | ? |\n| check | lost | 0 |",
         "## Settings\n\n| setting | value |",
         "[all & everything](overlay.webm)",
     ):
