@@ -109,7 +109,7 @@ def invert_symmetric(matrix: Any) -> Any:
     return xp.stack(rows, axis=-2) / det[..., None, None]
 
 
-def symmetric(matrix: Float[np.ndarray, "*n d d"]) -> Float[np.ndarray, "*n d d"]:
+def symmetrized(matrix: Float[np.ndarray, "*n d d"]) -> Float[np.ndarray, "*n d d"]:
     """Matrices that are symmetric but for rounding, symmetric to the last bit."""
     return (matrix + np.swapaxes(matrix, -1, -2)) / 2
 

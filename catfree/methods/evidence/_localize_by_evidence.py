@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
 from catfree.geometry._plane import from_plan
-from catfree.methods.evidence._gaussian import probability_within, symmetric
+from catfree.methods.evidence._gaussian import probability_within, symmetrized
 from catfree.methods.evidence._solve import solve
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.observe._boxes import float_width_of
@@ -136,7 +136,7 @@ def describe(
         patterns = residual_patterns(s)
     members = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
     support = np.where(is_detected[:, None], members[group], -1)
-    covariance = symmetric(s.position_covariance[rows]) * unit**2
+    covariance = symmetrized(s.position_covariance[rows]) * unit**2
     mean = s.trails.mean[rows]
     xy = mean[:, :2] * unit + s.views.origin
     pace = unit / s.boxes.step

@@ -12,7 +12,7 @@ from jaxtyping import Int
 from catfree.errors import InvalidInputError, quoted
 from catfree.geometry._plane import from_plan, to_plan
 from catfree.methods._localize import localize, usable
-from catfree.methods.evidence._gaussian import symmetric
+from catfree.methods.evidence._gaussian import symmetrized
 from catfree.methods.evidence.observe._boxes import float_width_of
 from catfree.methods.online._advance import advance
 from catfree.methods.online._finalize import (
@@ -277,7 +277,7 @@ class Tracker:
         unit = float(np.nan_to_num(learned.unit, nan=1.0))
         pace = unit / float(np.nan_to_num(learned.step, nan=1.0)) / MICROSECONDS
         mean, spread = column("mean", 5), column("covariance", 5, 5)
-        covariance = symmetric(column("position_covariance", 2, 2)) * unit**2
+        covariance = symmetrized(column("position_covariance", 2, 2)) * unit**2
         support = column("support", cameras).astype(np.int64)
         place = column("place", 2)
         registered = np.asarray(scene.rig.registered)
