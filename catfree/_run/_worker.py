@@ -28,8 +28,8 @@ OF_JAX = ("PJRT_NPROC", "XLA_FLAGS")
 QUICK_COMPILATION = "--xla_cpu_use_fusion_emitters=false"
 LAST_WITH_OPTION = (0, 10)  # of jaxlib
 
-# Set only in worker processes: the queue to which they report.
-given: dict[str, Any] = {}
+# Set only in worker processes: the queue `reports` to which they report.
+from_parent: dict[str, Any] = {}
 
 # Who lends variables at present, and the values before.
 _lending = threading.Lock()
@@ -99,7 +99,7 @@ def start_worker(environment: Mapping[str, str], reports: Any = None) -> None:
     # An exception would print where it was, or be lost in a callback while the work goes on.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.environ.update(environment)
-    given["reports"] = reports
+    from_parent["reports"] = reports
     parent = multiprocessing.parent_process()
     if parent is None:
         return

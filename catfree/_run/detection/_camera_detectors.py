@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
 from catfree._run._cache import StageCache, code_hash
-from catfree._run._worker import given, inherited, start_worker, worker_environment
+from catfree._run._worker import from_parent, inherited, start_worker, worker_environment
 from catfree.adapters.background._background_detector import (
     BackgroundDetector,
     FittedBackgroundDetector,
@@ -311,7 +311,7 @@ def _fit_here(
         nonlocal waiting
         waiting += 1
         if waiting == CHUNK:
-            given["reports"].put(waiting)
+            from_parent["reports"].put(waiting)
             waiting = 0
 
     try:
@@ -319,7 +319,7 @@ def _fit_here(
     except Exception as error:
         raise _sendable(error) from None
     if waiting:
-        given["reports"].put(waiting)
+        from_parent["reports"].put(waiting)
     _worker["detectors"][camera] = fitted
     if isinstance(fitted, FittedBackgroundDetector):
         return replace(fitted, memory=None)
