@@ -109,10 +109,11 @@ class EvidenceSettings(CheckedSettings):
         unevenness: how far off the plane people stand.
         report_radius: a position is reported if it is more likely than not to be correct within
             this many H0.
-        working_sigma: largest predicted uncertainty, relative to most places.
+        working_sigma: largest predicted uncertainty, relative to the typical place.
+        most_places: share of the places that are in the usual number of images, or in more.
         missing_views: a place is outside the working area if the whole body is in fewer images
-            there than in the typical place, by at least this share of the cameras that see
-            anybody. If the typical place is in fewer images than that, none is excluded.
+            there than usual, by at least this share of the cameras that see anybody. If the usual
+            number is less than that, none is excluded.
     """
 
     not_zero = frozenset(
@@ -135,7 +136,13 @@ class EvidenceSettings(CheckedSettings):
         }
     )
     shares = frozenset(
-        {"foot_outlier", "height_quantiles", "detection_rate_start", "detection_rate_range"}
+        {
+            "foot_outlier",
+            "height_quantiles",
+            "detection_rate_start",
+            "detection_rate_range",
+            "most_places",
+        }
     )
 
     use_misses: bool = True
@@ -340,5 +347,8 @@ class EvidenceSettings(CheckedSettings):
     )
     working_sigma: float = constant(
         3.0, "decision", "three times the typical design uncertainty: a ninth of the information"
+    )
+    most_places: float = constant(
+        2 / 3, "decision", "where up to a third of the places are, people are only now and then"
     )
     missing_views: float = constant(0.5, "decision", "half of the cameras that see anybody")

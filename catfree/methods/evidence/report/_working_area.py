@@ -2,13 +2,10 @@
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 from scipy.spatial import KDTree
 
-from catfree.filters import log_otsu
-from catfree.geometry._buckets import padded_length
 from catfree.geometry._person import edge_deviation
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.observe._measurement import Noise
@@ -18,10 +15,7 @@ from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
 from catfree.types._sampling import evenly_spread
 
-SAMPLE_BLOCK = 1024  # positions are padded to this times a power of four
-MOST_SAMPLES = 16 * SAMPLE_BLOCK  # positions that teach what is usual
-
-_log_otsu = jax.jit(log_otsu)
+MOST_SAMPLES = 16384  # positions that teach what is usual
 
 
 def design_sigma(
@@ -50,10 +44,10 @@ def in_working_area(
 ) -> Bool[np.ndarray, " person"]:
     """Mark the positions in the working area, relative to the places where people go, (n,).
 
-    Two criteria must hold. The design uncertainty is not far above that of most places (the larger
-    class of a log-Otsu split). The number of images with the whole body is less than half of the
-    rig (`missing_views`) below the median of the places, or it is at least `witnesses`, with which
-    the cameras check each other anywhere.
+    Two criteria must hold. The design uncertainty is not far above the median of the places. The
+    number of images with the whole body is less than half of the rig (`missing_views`) below what
+    most places have (`most_places`), or it is at least `witnesses`, with which the cameras check
+    each other anywhere.
 
     Args:
         xy: (n, 2) positions in H0.
@@ -79,8 +73,8 @@ class UsualPlace(NamedTuple):
     """How well people are seen in the places where they go.
 
     Attributes:
-        sigma: design uncertainty in most places, in the unit of what it was learned from.
-        whole: median number of images with the whole body.
+        sigma: median design uncertainty, in the unit of what it was learned from.
+        whole: number of images with the whole body that most places have.
     """
 
     sigma: float
@@ -116,15 +110,14 @@ def usual_place(
     """
     some = evenly_spread(np.arange(len(sigma)), MOST_SAMPLES)
     xy, sigma, whole = xy[some], sigma[some], whole[some]
-    near = KDTree(xy).query_ball_point(xy, settings.report_radius, return_length=True)
-    weight = 1 / near
-    sample = np.pad(sigma, (0, padded_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
-    present = np.arange(len(sample)) < len(sigma)
-    with jax.enable_x64(True):
-        better = sigma <= float(_log_otsu(sample, present))
-    most = better if 2 * weight[better].sum() >= weight.sum() else ~better
-    typical = np.average(np.log(sigma[most]), weights=weight[most])
-    order = np.argsort(whole, kind="stable")
-    passed = np.cumsum(weight[order])
-    median = whole[order][np.searchsorted(passed, passed[-1] / 2)]
-    return UsualPlace(float(np.exp(typical)), float(median))
+    weight = 1 / KDTree(xy).query_ball_point(xy, settings.report_radius, return_length=True)
+    return UsualPlace(
+        _quantile(sigma, 0.5, weight), _quantile(whole, 1 - settings.most_places, weight)
+    )
+
+
+def _quantile(
+    values: Num[np.ndarray, " person"], share: float, weight: Float[np.ndarray, " person"]
+) -> float:
+    """The smallest value that a share of the weight does not exceed."""
+    return float(np.quantile(values, share, weights=weight, method="inverted_cdf"))
