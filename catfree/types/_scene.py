@@ -216,9 +216,6 @@ class Scene(eqx.Module):
             earth = arrays.get("georeference")
             earth = None if earth is None else GeoReference.of_array(earth)
             sd = arrays.get("deviation")
-            if sd is not None:
-                require_shape(sd, (), "deviation")
-                sd = float(sd)
             scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric), earth, sd)
             return require_plausible_heights(scene)
 
