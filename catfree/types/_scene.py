@@ -191,8 +191,7 @@ class Scene(eqx.Module):
             "Scene",
             {f"rig_{name}": value for name, value in vars(self.rig).items()}
             | {"normal": self.ground.normal, "offset": self.ground.offset}
-            | {"extent": self.extent, "metric": self.metric}
-            | {"deviation": None if self.rig_sd is None else np.asarray(self.rig_sd)}
+            | {"extent": self.extent, "metric": self.metric, "deviation": self.rig_sd}
             | {"georeference": None if self.georeference is None else self.georeference.to_array()},
         )
 
