@@ -225,11 +225,11 @@ def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray,
     The weight of a ray (Eq. w) is lower for small boxes because it concerns lengths on the ground;
     in pixels, small boxes are the more exact ones, down to the resolution of a detector.
     """
-    height = observations.height.astype(np.float64)
+    height = observations.kept.height.astype(np.float64)
     median = float(np.median(height))
     weight = median**2 / (height**2 + (RESOLVED * median) ** 2)
-    if observations.ankles_confirmed is not None:
-        weight = weight * np.where(observations.ankles_confirmed, 1.0, ratio)
+    if observations.kept.ankles_confirmed is not None:
+        weight = weight * np.where(observations.kept.ankles_confirmed, 1.0, ratio)
     return weight
 
 

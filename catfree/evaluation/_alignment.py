@@ -12,7 +12,7 @@ from catfree.evaluation._position_matching import matched_rows
 from catfree.evaluation._rows import Number, read_sequence
 from catfree.geometry import Similarity, fit_similarity
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_boolean, as_float, as_positive
+from catfree.types._validation import as_float, as_positive, as_registered
 
 MINIMUM_CENTERS = 3
 
@@ -64,16 +64,7 @@ def _paired_centers(
         raise InvalidInputError(
             f"Camera centers must be two (C, 3) arrays, got {estimated.shape} and {true.shape}."
         )
-    chosen = (
-        np.ones(len(true), dtype=bool)
-        if registered is None
-        else as_boolean(registered, "registered")
-    )
-    if chosen.shape != (len(true),):
-        raise InvalidInputError(
-            f"registered must have shape ({len(true)},), one per camera, got {chosen.shape}."
-        )
-    used = np.flatnonzero(chosen)
+    used = np.flatnonzero(as_registered(registered, len(true)))
     finite = np.isfinite(estimated[used]).all(axis=1) & np.isfinite(true[used]).all(axis=1)
     if not finite.all():
         raise InvalidInputError(

@@ -115,19 +115,11 @@ def bootstrap(
         metrics.threshold,
         clamped=metrics.clamped,
     )
-    moda, modp, precision, recall = (
+    intervals = (
         Interval(*_percentiles(resampled, level), value)
         for resampled, value in zip(rates, metrics.rates, strict=True)
     )
-    return DetectionIntervals(
-        moda,
-        modp,
-        precision,
-        recall,
-        level=level,
-        samples=samples,
-        block_length=block_length,
-    )
+    return DetectionIntervals(*intervals, level=level, samples=samples, block_length=block_length)
 
 
 def _percentiles(values: np.ndarray, level: Number) -> tuple[float, float]:

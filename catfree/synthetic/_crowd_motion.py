@@ -5,7 +5,7 @@ Velocities relax towards a desired velocity, as in the social force model (Helbi
 so they do not circle around a waypoint.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -32,7 +32,7 @@ BYSTANDER_CLEARANCE = 0.3  # meters that bystanders keep from the area
 
 @dataclass
 class Crowd:
-    """State of P people in G groups during the integration; lengths in meters."""
+    """State of P people in G groups during the integration; lengths in meters; see `draw`."""
 
     group: Int[np.ndarray, " p"]
     start: Float[np.ndarray, " g"]
@@ -41,19 +41,19 @@ class Crowd:
     area: tuple[float, float, float, float]
     obstacles: Float[np.ndarray, "k 3"]
     side: Int[np.ndarray, " g"]
-    slot: Float[np.ndarray, "p 2"]
+    slot: Float[np.ndarray, "p 2"] = field(init=False)
     speed: Float[np.ndarray, " g"]
-    anchor: Float[np.ndarray, "g 2"]
-    anchor_velocity: Float[np.ndarray, "g 2"]
-    ahead: Float[np.ndarray, " g"]
-    target: Float[np.ndarray, "g 2"]
-    stand_until: Float[np.ndarray, " g"]
+    anchor: Float[np.ndarray, "g 2"] = field(init=False)
+    anchor_velocity: Float[np.ndarray, "g 2"] = field(init=False)
+    ahead: Float[np.ndarray, " g"] = field(init=False)
+    target: Float[np.ndarray, "g 2"] = field(init=False)
+    stand_until: Float[np.ndarray, " g"] = field(init=False)
     standing_time: float
     leaving: Bool[np.ndarray, " g"]
     gone: Bool[np.ndarray, " g"]
-    position: Float[np.ndarray, "p 2"]
-    velocity: Float[np.ndarray, "p 2"]
-    heading: Float[np.ndarray, " p"]
+    position: Float[np.ndarray, "p 2"] = field(init=False)
+    velocity: Float[np.ndarray, "p 2"] = field(init=False)
+    heading: Float[np.ndarray, " p"] = field(init=False)
     stride: Float[np.ndarray, " p"]
     time: float = 0.0
 
@@ -86,26 +86,17 @@ class Crowd:
             area=area,
             obstacles=obstacles,
             side=rng.integers(4, size=groups),
-            slot=np.zeros((count, 2)),
             speed=np.clip(rng.normal(*PREFERRED_SPEED, groups), 0.7, 1.8),
-            anchor=np.zeros((groups, 2)),
-            anchor_velocity=np.zeros((groups, 2)),
-            ahead=np.zeros(groups),
-            target=np.zeros((groups, 2)),
-            stand_until=np.zeros(groups),
             standing_time=standing_time,
             leaving=np.zeros(groups, bool),
             gone=np.zeros(groups, bool),
-            position=np.zeros((count, 2)),
-            velocity=np.zeros((count, 2)),
-            heading=np.zeros(count),
             stride=rng.uniform(0, 2 * np.pi, count),
         )
         # Members walk abreast, 0.7 m apart, each slightly ahead or behind.
         size = np.bincount(group, minlength=groups)
         rank = np.arange(count) - np.searchsorted(group, group)
-        crowd.slot[:, 0] = 0.7 * (rank - (size[group] - 1) / 2)
-        crowd.slot[:, 1] = rng.uniform(-0.2, 0.2, count)
+        across = 0.7 * (rank - (size[group] - 1) / 2)
+        crowd.slot = np.column_stack([across, rng.uniform(-0.2, 0.2, count)])
         all_groups = np.arange(groups)
         crowd.anchor = _waypoints(crowd, rng, all_groups)
         late = np.flatnonzero(start > 0)

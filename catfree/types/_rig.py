@@ -18,9 +18,9 @@ from catfree.types._annotations import HostOrDevice
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._sampling import select_rows
 from catfree.types._validation import (
-    as_boolean,
     as_float,
     as_integer,
+    as_registered,
     first_index,
     is_traced,
     require_finite,
@@ -112,10 +112,7 @@ class Rig(eqx.Module):
         if self.distortion is not None:
             wide = 8 if self.distortion.shape[-1:] == (8,) else 5
             require_shape(self.distortion, (count, wide), "distortion")
-        self.registered = (
-            np.ones(count, bool) if registered is None else as_boolean(registered, "registered")
-        )
-        require_shape(self.registered, (count,), "registered")
+        self.registered = as_registered(registered, count)
         self.lens = _as_lens(lens, count)
         has_rays = self.lenses == Lens.RAYS
         self.rays = None

@@ -191,8 +191,7 @@ class Scene(eqx.Module):
             "Scene",
             {f"rig_{name}": value for name, value in vars(self.rig).items()}
             | {"normal": self.ground.normal, "offset": self.ground.offset}
-            | {"extent": self.extent, "metric": self.metric}
-            | {"deviation": None if self.rig_sd is None else np.asarray(self.rig_sd)}
+            | {"extent": self.extent, "metric": self.metric, "deviation": self.rig_sd}
             | {"georeference": None if self.georeference is None else self.georeference.to_array()},
         )
 
@@ -216,9 +215,6 @@ class Scene(eqx.Module):
             earth = arrays.get("georeference")
             earth = None if earth is None else GeoReference.of_array(earth)
             sd = arrays.get("deviation")
-            if sd is not None:
-                require_shape(sd, (), "deviation")
-                sd = float(sd)
             scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric), earth, sd)
             return require_plausible_heights(scene)
 

@@ -13,7 +13,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import AbstractArray, jaxtyped
+from jaxtyping import AbstractArray, Bool, jaxtyped
 
 from catfree.errors import InvalidInputError, quoted, shortened
 
@@ -310,6 +310,13 @@ def as_boolean(value: Any, name: str) -> np.ndarray:
         entry = f"{name}[{first_index(bad)}]" if bad.ndim else name
         raise InvalidInputError(f"{entry} is neither true nor false.")
     return array.astype(bool)
+
+
+def as_registered(registered: Any, cameras: int) -> Bool[np.ndarray, " cam"]:
+    """Return which cameras are registered; None stands for all."""
+    flags = np.ones(cameras, bool) if registered is None else as_boolean(registered, "registered")
+    require_shape(flags, (cameras,), "registered")
+    return flags
 
 
 def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:

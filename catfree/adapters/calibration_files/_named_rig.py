@@ -2,18 +2,20 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Num
 from scipy.spatial.transform import Rotation
 
-from catfree.adapters.files._camera_names import numbered_names
-from catfree.adapters.files._documents import StrPath, numbers
+from catfree.adapters.files._camera_names import file_names, numbered_names
+from catfree.adapters.files._documents import StrPath, numbers, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Lens, Rig
 from catfree.types._validation import require_instance, require_names
+from catfree.types._writing import make_folder
 
 _IDEAL = np.zeros(8)
 _UNDISTORT = "Undistort its images, and write the rig without distortion"
@@ -187,3 +189,20 @@ def writable_cameras(
         camera = FileCamera(K[at], R[at], t[at], rig.image_size[at], distortion[at], lens)
         cameras.append((labels[at], camera))
     return cameras
+
+
+def write_cameras(
+    folder: StrPath,
+    rig: Rig,
+    names: Sequence[str] | None,
+    text_of: Callable[[FileCamera], str],
+    *,
+    ideal: bool = False,
+) -> tuple[Path, ...]:
+    """Write the text of each registered camera to `<name>.yml`; see `writable_cameras`."""
+    labels, cameras = zip(*writable_cameras(rig, names, folder, ideal=ideal), strict=True)
+    root = make_folder(folder)
+    return tuple(
+        write_text_atomically(root / f"{label}.yml", text_of(camera))
+        for label, camera in zip(file_names(labels), cameras, strict=True)
+    )

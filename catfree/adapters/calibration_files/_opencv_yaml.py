@@ -11,19 +11,13 @@ from catfree.adapters.calibration_files._named_rig import (
     NamedRig,
     lens_coefficients,
     rotation_from_vector,
-    writable_cameras,
+    write_cameras,
 )
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_cameras
-from catfree.adapters.files._camera_names import file_names
-from catfree.adapters.files._documents import (
-    StrPath,
-    numbers,
-    write_text_atomically,
-)
+from catfree.adapters.files._documents import StrPath, numbers
 from catfree.errors import FileFormatError
 from catfree.types import Lens, Rig
 from catfree.types._validation import as_positive
-from catfree.types._writing import make_folder
 
 # The names that OpenCV's own samples and common tools use for the same matrix.
 _INTRINSICS = ("K", "camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic", "M")
@@ -121,10 +115,8 @@ def write_opencv_yaml(
         InvalidInputError: if no folder can have this path, no camera is registered, a camera is a
             grid of rays, or the names do not match the cameras.
     """
-    cameras = writable_cameras(rig, names, folder)
-    root = make_folder(folder)
-    paths = []
-    for name, (_, camera) in zip(file_names([n for n, _ in cameras]), cameras, strict=True):
+
+    def text_of(camera: FileCamera) -> str:
         width, height = camera.image_size
         matrices = {
             "camera_matrix": camera.K,
@@ -144,9 +136,9 @@ def write_opencv_yaml(
                 "   dt: d",
                 f"   data: [ {data} ]",
             ]
-        target = root / f"{name}.yml"
-        paths.append(write_text_atomically(target, "\n".join(lines) + "\n"))
-    return tuple(paths)
+        return "\n".join(lines) + "\n"
+
+    return write_cameras(folder, rig, names, text_of)
 
 
 def _lens(storage: Storage, coefficients: np.ndarray) -> Lens:

@@ -7,22 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import rq
 
-from catfree.adapters.calibration_files._named_rig import (
-    FileCamera,
-    NamedRig,
-    writable_cameras,
-)
+from catfree.adapters.calibration_files._named_rig import FileCamera, NamedRig, write_cameras
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_cameras
-from catfree.adapters.files._camera_names import file_names
-from catfree.adapters.files._documents import (
-    StrPath,
-    numbers,
-    write_text_atomically,
-)
+from catfree.adapters.files._documents import StrPath, numbers
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Rig
 from catfree.types._validation import as_positive
-from catfree.types._writing import make_folder
 
 PROJECTION = "projectionMatrix_3x4_w2p"  # world to pixel
 
@@ -80,17 +70,14 @@ def write_mv3dt(
     """
     height = as_positive(person_height, "person_height")
     radius = as_positive(person_radius, "person_radius")
-    cameras = writable_cameras(rig, names, folder, ideal=True)
-    root = make_folder(folder)
-    files = []
-    for label, (_, camera) in zip(file_names([n for n, _ in cameras]), cameras, strict=True):
+    # One class of objects, as the detectors number people.
+    model = f"modelInfo:\n  - classID: 0\n    height: {height!r}\n    radius: {radius!r}\n"
+
+    def text_of(camera: FileCamera) -> str:
         rows = "".join(f"- {float(v)!r}\n" for v in camera.projection.ravel())
-        # One class of objects, as the detectors number people.
-        model = f"modelInfo:\n  - classID: 0\n    height: {height!r}\n    radius: {radius!r}\n"
-        files.append(
-            write_text_atomically(root / f"{label}.yml", f"{PROJECTION}:\n{rows}\n{model}")
-        )
-    return tuple(files)
+        return f"{PROJECTION}:\n{rows}\n{model}"
+
+    return write_cameras(folder, rig, names, text_of, ideal=True)
 
 
 def decomposed(

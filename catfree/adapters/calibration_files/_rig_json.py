@@ -139,14 +139,12 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
         )
         extent = numbers_of(document, "extent", ())
         metric = document["units"] == _UNITS[True]
-        sd = document.get("rig_sd")
-        sd = None if sd is None else float(numbers(sd, (), "rig_sd"))
         earth = document.get("georeference")
         if earth is not None:
             names = [field.name for field in dataclasses.fields(GeoReference)]
             values = [numbers_of(earth, name, None, "georeference") for name in names]
             earth = GeoReference.of_array(np.concatenate(values))
-        scene = Scene(named.rig, plane, extent, metric, earth, sd)
+        scene = Scene(named.rig, plane, extent, metric, earth, document.get("rig_sd"))
         return require_plausible_heights(scene), named.names
 
 

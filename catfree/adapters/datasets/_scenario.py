@@ -17,9 +17,9 @@ from catfree.adapters.files._documents import (
     read_npz,
     require_folder,
 )
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError
 from catfree.types import Detections, Plane, Rig, Scene
-from catfree.types._validation import as_float, as_positive
+from catfree.types._validation import as_float, as_positive, require_known_cameras
 
 _TRUTH = {"frame": 1, "id": 1, "xy": 2}  # arrays of gt.npz and their columns
 _MOST_FRAMES = 10_000_000  # a larger count means a damaged file
@@ -112,9 +112,5 @@ def _read_detections(path: Path, camera_count: int) -> Detections:
             ankles_confirmed=arrays["ankle"],
             embedding=as_float(arrays["emb"]).astype(np.float32),
         )
-    if len(detections) and detections.camera.max() >= camera_count:
-        raise InvalidInputError(
-            f"{path} has detections of camera {detections.camera.max()}, but rig.json has "
-            f"{camera_count} cameras (counted from 0)."
-        )
+        require_known_cameras(detections.camera, camera_count)
     return detections

@@ -286,9 +286,8 @@ def _strongest(
     # Information that a change shares with what is already in the model.
     shared = [(matrix[w] @ course.design(w))[columns] for w in range(len(matrix))]
     for window in range(first, len(matrix)):
-        if any(
-            c.camera == camera and c.kind == kind and c.window == window for c in course.changes
-        ):
+        candidate = Change(camera, kind, window)
+        if candidate in course.changes:
             continue
         cross = np.sum(shared[window:], axis=0)
         left = information[window:].sum(0) - cross @ course.covariance @ cross.T
@@ -304,7 +303,7 @@ def _strongest(
         squared = float(change @ np.linalg.solve(covariance, change))
         chance = float(fdtrc(size, freedom, squared / size))
         if chance < best[0]:
-            best = chance, Change(camera, kind, window)
+            best = chance, candidate
     return best
 
 

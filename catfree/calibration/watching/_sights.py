@@ -220,13 +220,13 @@ def _people(
     height = np.where(good, -tilted(base) / np.where(good, slope, 1.0), np.nan)
     known = np.isfinite(height) & (height > 0)
     unit = float(np.median(height[known])) if known.any() else float(scene.extent) / 12
-    of_track: dict[int, float] = {}
     track = tracks.track_id[at]
+    tall = np.full(len(track), unit)
     for one in np.unique(track):
         mine = known & (track[person] == one)
-        middle = float(np.median(height[mine])) if mine.any() else unit
-        of_track[int(one)] = float(np.clip(middle, HEIGHTS[0] * unit, HEIGHTS[1] * unit))
-    tall = np.array([of_track[int(one)] for one in track], np.float64)
+        if mine.any():
+            tall[track == one] = np.median(height[mine])
+    tall = np.clip(tall, HEIGHTS[0] * unit, HEIGHTS[1] * unit)
     velocity = np.nan_to_num(np.asarray(tracks.velocity, np.float64)[at]) * step
     state = np.column_stack([xy, tall])
     return SightedPeople((tracks.frame[at] - first) // step, track, state, velocity, support), unit

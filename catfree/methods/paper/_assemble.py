@@ -48,7 +48,7 @@ def assemble(
     lengths = ("tau_sigma", "tau_g", "tau_sigma_recovery", "tau_g_recovery")
     thresholds = Thresholds(
         **{name: _times(getattr(selection, name), frame.extent) for name in lengths},
-        median_box_height=float(np.median(observations.height)),
+        median_box_height=float(np.median(observations.kept.height)),
         pose_ratio=pose_ratio,
         extension_appearance=extension_appearance,
     )

@@ -35,24 +35,12 @@ class Mesh:
 
 
 # Per tube: the part of the segment after each ring.
-_LEG_PARTS = (TROUSERS, TROUSERS, SHANK_PART, SHANK_PART)
-_SHOE_PARTS = (SHOES,) * 4
-_TORSO_PARTS = (TROUSERS, TROUSERS, SHIRT, SHIRT, SHIRT, SHIRT)
-_HEAD_PARTS = (SKIN,) * 6
-_ARM_PARTS = (SLEEVE, SLEEVE, FOREARM_PART, SKIN, SKIN)
-_BAG_PARTS = (BAG,) * 4
-_TUBES = (
-    _LEG_PARTS,
-    _LEG_PARTS,
-    _SHOE_PARTS,
-    _SHOE_PARTS,
-    _TORSO_PARTS,
-    _HEAD_PARTS,
-    _ARM_PARTS,
-    _ARM_PARTS,
-    _BAG_PARTS,
-)
-_HEAD_TUBE = 5
+_LEG = (TROUSERS, TROUSERS, SHANK_PART, SHANK_PART)
+_SHOE = (SHOES,) * 4
+_TORSO = (TROUSERS, TROUSERS, SHIRT, SHIRT, SHIRT, SHIRT)
+_HEAD = (SKIN,) * 6
+_ARM = (SLEEVE, SLEEVE, FOREARM_PART, SKIN, SKIN)
+_TUBES = (_LEG, _LEG, _SHOE, _SHOE, _TORSO, _HEAD, _ARM, _ARM, (BAG,) * 4)
 
 
 def build_mesh() -> Mesh:
@@ -67,7 +55,7 @@ def build_mesh() -> Mesh:
             low, high = start + ring * SIDES, start + (ring + 1) * SIDES
             faces.append(np.stack([low + side, low + following, high + following, high + side], -1))
             part_of_side = np.full(SIDES, part)
-            if tube == _HEAD_TUBE and ring >= 1:
+            if segments is _HEAD and ring >= 1:
                 part_of_side = np.where(front & (ring < 4), SKIN, HAIR)
             parts.append(part_of_side)
         tubes.append(np.full((len(segments) + 1) * SIDES, tube))

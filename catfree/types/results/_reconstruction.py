@@ -11,7 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from catfree.types._rig import require_cameras
-from catfree.types._validation import as_boolean, as_float, as_rows, require_finite, require_shape
+from catfree.types._validation import (
+    as_float,
+    as_registered,
+    as_rows,
+    require_finite,
+    require_shape,
+)
 
 
 class Reconstruction(eqx.Module):
@@ -60,14 +66,11 @@ class Reconstruction(eqx.Module):
         self.confidence = np.asarray(as_float(confidence))
         self.scale_is_metric, self.weights_id = bool(scale_is_metric), str(weights_id)
         cameras = len(self.t)
-        self.registered = (
-            np.ones(cameras, bool) if registered is None else as_boolean(registered, "registered")
-        )
+        self.registered = as_registered(registered, cameras)
         require_shape(self.K, (cameras, 3, 3), "K")
         require_shape(self.R, (cameras, 3, 3), "R")
         require_shape(self.t, (cameras, 3), "t")
         require_shape(self.confidence, (len(self.points),), "confidence")
-        require_shape(self.registered, (cameras,), "registered")
         for name in ("K", "R", "t", "points", "confidence"):
             require_finite(getattr(self, name), name)
         require_cameras(self.K, self.R, np.ones(cameras, bool))

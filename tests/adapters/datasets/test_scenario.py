@@ -81,7 +81,7 @@ def test_missing_folder(tmp_path):
 @pytest.mark.parametrize(
     ("rig", "detections", "message"),
     [
-        ({}, {"cam": np.array([0, 2])}, "detections of camera 2, but rig.json has 2 cameras"),
+        ({}, {"cam": np.array([0, 2])}, r"camera\[1\] is 2, but the rig has 2 cameras"),
         ({}, {"cam": np.array([0])}, r"detections\.npz: camera must have shape"),
         ({}, {"box": np.full((2, 4), np.nan)}, r"detections\.npz: box\[0, 0\] is not finite"),
         ({"t": [[0.0, 2.0, 10.0]]}, {}, r"rig\.json: t of the file must hold 2 x 3"),

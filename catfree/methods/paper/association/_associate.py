@@ -63,7 +63,7 @@ def associate(
         )
         groups = greedy_partition(
             chunk,
-            np.pad(observations.camera[begin:end], padding),
+            np.pad(observations.kept.camera[begin:end], padding),
             pairs,
             camera_count=observations.camera_count,
             tolerance=settings.association.residual_factor * settings.rays.sigma_theta,
@@ -96,7 +96,7 @@ def associate_in_two_passes(
         Sec. "Pedestrian observations and ray reliability".
     """
     ratio = 1.0
-    if settings.rays.use_ankles and observations.ankles_confirmed is not None:
+    if settings.rays.use_ankles and observations.kept.ankles_confirmed is not None:
         groups = associate(observations, rays, settings, report)
         ratio = learn_pose_ratio(observations, rays, groups, settings)
     rays = weigh_rays(observations, rays, ratio, settings)
@@ -105,9 +105,9 @@ def associate_in_two_passes(
 
 def weigh_rays(observations: Observations, rays: Rays, ratio: float, settings: Settings) -> Rays:
     """Weight the rays by Eq. w for a pose ratio, with box heights relative to their median."""
-    height = observations.height
+    height = observations.kept.height
     median = float(np.median(height)) if len(height) else 1.0
-    weight = ray_weights(height, observations.ankles_confirmed, ratio, median, settings.rays)
+    weight = ray_weights(height, observations.kept.ankles_confirmed, ratio, median, settings.rays)
     return Rays(rays.origin, rays.direction, weight.astype(rays.direction.dtype))
 
 
@@ -128,7 +128,7 @@ def learn_pose_ratio(
     Source:
         Sec. "Pedestrian observations and ray reliability".
     """
-    if observations.ankles_confirmed is None:
+    if observations.kept.ankles_confirmed is None:
         return 1.0
     # Always the full estimator: the baselines change positions, not the reliability of rays, and a
     # single ray has no residual.
@@ -139,4 +139,4 @@ def learn_pose_ratio(
     of_observation = np.full(len(observations), np.nan)
     present = groups >= 0
     of_observation[groups[present]] = residual[present]
-    return measured_pose_ratio(of_observation, observations.ankles_confirmed)
+    return measured_pose_ratio(of_observation, observations.kept.ankles_confirmed)

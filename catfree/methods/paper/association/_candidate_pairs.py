@@ -124,7 +124,7 @@ def candidate_pairs(
     cell_end = observations.cell_start[observations.cell[members] + 1]
     frame_end = observations.frame_start(observations.frame_index[members] + 1)
     limit = settings.residual_factor * sigma_theta
-    uniqueness = _Uniqueness(observations.camera[members], observations.camera_count)
+    uniqueness = _Uniqueness(observations.kept.camera[members], observations.camera_count)
     near: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for rows in _slices_of_work(frame_end - cell_end, PAIRS_AT_ONCE):
         # All observations of the frame after the detection's cell belong to later cameras.

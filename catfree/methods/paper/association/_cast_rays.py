@@ -21,7 +21,7 @@ def cast_rays(observations: Observations, rig: Rig) -> Rays:
     Source:
         Sec. "Pedestrian observations and ray reliability".
     """
-    dtype = jnp.result_type(float)
-    direction = rays_of_pixels(rig, observations.camera, observations.foot).astype(dtype)
-    origin = np.asarray(rig.centers, dtype)[observations.camera]
+    dtype, kept = jnp.result_type(float), observations.kept
+    direction = rays_of_pixels(rig, kept.camera, kept.foot).astype(dtype)
+    origin = np.asarray(rig.centers, dtype)[kept.camera]
     return Rays(origin, direction, np.ones(len(observations), dtype))

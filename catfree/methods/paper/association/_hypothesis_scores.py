@@ -54,10 +54,10 @@ def hypothesis_scores(
     signals = np.full((count, len(Signal)), np.nan, position.dtype)
     signals[:, Signal.SUPPORTING_RAYS] = cameras
     supported = cameras > 0
-    if observations.score is not None:
-        total = np.where(present, observations.score[member], 0).sum(axis=1)
+    if observations.kept.score is not None:
+        total = np.where(present, observations.kept.score[member], 0).sum(axis=1)
         signals[supported, Signal.DETECTOR_CONFIDENCE] = total[supported] / cameras[supported]
-    boxes = observations.box[member].astype(position.dtype)
+    boxes = observations.kept.box[member].astype(position.dtype)
     residual, ratio, consistency = _view_signals(rig, position, boxes, present, support.residual)
     signals[:, Signal.NEGATIVE_MEDIAN_RESIDUAL] = -residual
     signals[:, Signal.VIEW_SUPPORT_RATIO] = ratio

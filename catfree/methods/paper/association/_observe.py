@@ -1,5 +1,7 @@
 """The kept detections in a canonical order, so that the caller's order has no effect."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,10 +17,7 @@ class Observations(eqx.Module):
         frames: (F,) the distinct frame numbers, ascending.
         frame_index: (N,) index into `frames`.
         time: (F,) whole time steps of `frames`: consecutive frames differ by one.
-        camera: (N,) camera index.
-        box: (N, 4) xyxy in pixels.
-        score: (N,) confidence, or None.
-        ankles_confirmed: (N,) bool, or None.
+        kept: (N,) the detections in this order, without embeddings and keypoints.
         appearance: (N, D) unit vectors (zero where the embedding is zero), or None.
         cell_start: (F * C + 1,) first observation of each (frame, camera) cell.
         camera_count: C.
@@ -28,10 +27,7 @@ class Observations(eqx.Module):
     frames: Int[np.ndarray, " f"]
     frame_index: Int[np.ndarray, " n"]
     time: Int[np.ndarray, " f"]
-    camera: Int[np.ndarray, " n"]
-    box: Float[np.ndarray, "n 4"]
-    score: Float[np.ndarray, " n"] | None
-    ankles_confirmed: Bool[np.ndarray, " n"] | None
+    kept: Detections
     appearance: Float[np.ndarray, "n d"] | None
     cell_start: Int[np.ndarray, " cells"]
     camera_count: int = eqx.field(static=True)
@@ -40,19 +36,9 @@ class Observations(eqx.Module):
         return len(self.row)
 
     @property
-    def height(self) -> Float[np.ndarray, " n"]:
-        """(N,) box height in pixels."""
-        return self.box[:, 3] - self.box[:, 1]
-
-    @property
-    def foot(self) -> Float[np.ndarray, "n 2"]:
-        """(N, 2) bottom center in pixels."""
-        return np.stack([(self.box[:, 0] + self.box[:, 2]) / 2, self.box[:, 3]], axis=-1)
-
-    @property
     def cell(self) -> Int[np.ndarray, " n"]:
         """(N,) index of each observation's (frame, camera) cell."""
-        return self.frame_index * self.camera_count + self.camera
+        return self.frame_index * self.camera_count + self.kept.camera
 
     def frame_start(self, index: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
         """(K,) first observation of frames by index; F gives the end of the last one."""
@@ -98,10 +84,7 @@ def observe(detections: Detections, rig: Rig, *, keep: Bool[np.ndarray, " n"]) -
         frames=frames,
         frame_index=frame_index,
         time=time_steps(frames),
-        camera=seen.camera,
-        box=seen.box,
-        score=seen.score,
-        ankles_confirmed=seen.ankles_confirmed,
+        kept=replace(seen, embedding=None, keypoints=None),
         appearance=appearance,
         cell_start=np.searchsorted(cell, np.arange(len(frames) * rig.camera_count + 1)),
         camera_count=rig.camera_count,

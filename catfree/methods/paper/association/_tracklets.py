@@ -58,7 +58,8 @@ def _near_pairs(
     image. Box overlap is not usable: at two frames per second a walker leaves the previous box.
     Computed in slices: memory grows with the number of near pairs, not of all pairs.
     """
-    foot, height = observations.foot.astype(np.float64), observations.height.astype(np.float64)
+    kept = observations.kept
+    foot, height = kept.foot.astype(np.float64), kept.height.astype(np.float64)
     edges, shifts = [np.zeros(0, np.int64)], [np.zeros(0)]
     for begin in range(0, len(first), PAIR_BLOCK):
         i, j = first[begin : begin + PAIR_BLOCK], second[begin : begin + PAIR_BLOCK]

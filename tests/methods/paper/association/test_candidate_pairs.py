@@ -113,13 +113,13 @@ def brute_force(observations, rays: Rays, sigma_theta: float, rules: Association
         for i in range(count)
         for j in range(i + 1, count)
         if observations.frame_index[i] == observations.frame_index[j]
-        and observations.camera[i] != observations.camera[j]
+        and observations.kept.camera[i] != observations.kept.camera[j]
     ]
     residual = {
         pair: float(residual_of_pair(*(np.asarray(a)[list(pair)] for a in vars(rays).values())))
         for pair in ends
     }
-    camera = observations.camera
+    camera = observations.kept.camera
     admitted = []
     for i, j in ends:
         if residual[i, j] > rules.residual_factor * sigma_theta:
