@@ -39,9 +39,10 @@ def calibrate(
     The known range of people's heights gives every camera its tilt, roll, height and a metric map
     of the ground; people seen by two cameras at the same time join the maps. The evidence method
     then groups the boxes, and its most certain groups refine the rig. A camera that fits far worse
-    than the others is removed and tried at every position that its boxes allow. Finally, every
-    camera's position is searched again against the refined rig, late cameras are corrected by whole
-    frames where the rig fits better then, and the evidence for each camera is checked again.
+    than the others is removed and tried at the positions that its boxes allow, the likeliest first,
+    until more of its boxes fit. Finally, every camera's position is searched again against the
+    refined rig, late cameras are corrected by whole frames where the rig fits better then, and the
+    evidence for each camera is checked again.
 
     Args:
         detections: (N,) boxes of synchronized static cameras; boxes with a score below

@@ -146,16 +146,19 @@ class EvidenceLoop:
     ) -> Calibration | None:
         """Place a missing camera where more boxes belong to confident people than at present.
 
-        Residuals would favor a camera that lost all of its people.
+        The likeliest such place is taken. Residuals would favor a camera that lost all of its
+        people.
         """
         places = places_for(others, self.detections, camera, self.settings.calibration)
-        refined = [self.refine(place) for place in places]
-        better = [
-            rig
-            for rig in refined
-            if rig.sightings[camera] > 0 and rig.sightings.sum() > present.sightings.sum()
-        ]
-        return max(better, key=lambda rig: (rig.sightings.sum(), -rig.residual), default=None)
+        refined = map(self.refine, places)
+        return next(
+            (
+                rig
+                for rig in refined
+                if rig.sightings[camera] > 0 and rig.sightings.sum() > present.sightings.sum()
+            ),
+            None,
+        )
 
     def _worst_outlier(self, calibration: Calibration, tried: set[int]) -> int | None:
         registered = np.asarray(calibration.scene.rig.registered)

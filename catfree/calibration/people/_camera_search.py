@@ -55,7 +55,7 @@ def reconsider(
         accepted = accepted_candidates(work, without, camera)
         if not accepted:
             continue
-        parameters, verdict = max(accepted, key=lambda one: one[1].margin)
+        parameters, verdict = accepted[0]
         if state.placed[camera]:
             current = judge_camera(work, state, camera, grid=work.scoring)
             if verdict.margin < current.margin + settings.minimum_margin:
@@ -82,7 +82,7 @@ def places_for(
         settings: constants.
 
     Returns:
-        One rig per position, possibly none.
+        One rig per position, possibly none, the likeliest first.
     """
     work, state = _resume(calibration, detections, settings)
     return [

@@ -8,11 +8,10 @@ within the usual deviations of a rig. They are unknowns, too: people who walk to
 not look like a camera that turns.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from catfree.calibration.watching._matching import (
     BoxMatches,
@@ -97,21 +96,20 @@ def solve_window(
             others = people.seen_by_others(camera, person)
             tried = candidates(sights, camera, others, shifts)
             errors[camera] = best(sights, camera, others, errors[camera], tried)
-    state, begun = people.state[person], errors.ravel()
-    matrix, vector = np.zeros((0, len(begun), len(begun))), np.zeros((0, len(begun)))
-    matches: list[BoxMatches] = []
-    for _ in range(ROUNDS):
-        matches = match_boxes(sights, person, state, registered, errors[registered])
-        matrix, vector, errors, state = _solve(sights, person, state, matches, errors, begun, noise)
+    begun = errors.ravel()
+    solved = _solve(sights, person, people.state[person], errors, begun, noise)
+    for _ in range(ROUNDS - 1):
+        solved = _solve(sights, person, solved.state, solved.errors, begun, noise)
     matched, expected, distinct = np.zeros((3, count), np.int64)
-    for camera, found in zip(registered.tolist(), matches, strict=True):
+    for camera, found in zip(registered.tolist(), solved.matches, strict=True):
         # A camera's own boxes do not make a person expected.
         others = people.seen_by_others(camera, found.expected)
         expected[camera] = len(others)
         matched[camera] = np.isin(found.person, others).sum()
         distinct[camera] = len(np.unique(people.track[others]))
+    matrix, vector = solved.of_tracks(people.track[person])
     window = Window(begin, stop, matrix, vector, matched, expected, distinct, boxes)
-    return window, errors
+    return window, solved.errors
 
 
 class _Equations(NamedTuple):
@@ -171,28 +169,52 @@ class _Equations(NamedTuple):
         return matrix[:, :p], matrix[:, p]
 
 
+class _Solved(NamedTuple):
+    """One round of matching and solving.
+
+    Attributes:
+        matches: of each registered camera.
+        used: (M,) whether two cameras or more see the person.
+        equations: of all people, around the `present` errors.
+        present: (C, 8) errors before the round.
+        errors: (C, 8) errors after it.
+        state: (M, 3) places and heights after it.
+    """
+
+    matches: list[BoxMatches]
+    used: Bool[np.ndarray, " m"]
+    equations: _Equations
+    present: Float[np.ndarray, "cam 8"]
+    errors: Float[np.ndarray, "cam 8"]
+    state: Float[np.ndarray, "m 3"]
+
+    def of_tracks(
+        self, track: Int[np.ndarray, " m"]
+    ) -> tuple[Float[np.ndarray, "group p p"], Float[np.ndarray, "group p"]]:
+        """Matrix and vector of a `Window`, given the track of each person."""
+        theta, kept = self.present.ravel(), np.flatnonzero(self.used)
+        tracks, p = np.unique(track[kept]), len(theta)
+        matrix, vector = np.zeros((len(tracks), p, p)), np.zeros((len(tracks), p))
+        for g, one in enumerate(tracks):
+            matrix[g], vector[g] = self.equations.sums(kept[track[kept] == one])
+        return matrix, vector + matrix @ theta
+
+
 def _solve(
     sights: Sights,
     person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
-    matches: Sequence[BoxMatches],
     present: Float[np.ndarray, "cam 8"],
     begun: Float[np.ndarray, " p"],
     noise: Float[np.ndarray, "3"],
-) -> tuple[
-    Float[np.ndarray, "group p p"],
-    Float[np.ndarray, "group p"],
-    Float[np.ndarray, "cam 8"],
-    Float[np.ndarray, "m 3"],
-]:
-    """Linearize around the present errors and places, and solve with robust weights.
+) -> _Solved:
+    """Match with the present errors and places, linearize, and solve with robust weights.
 
     Errors that no person constrains stay as they were when the window was `begun`.
-
-    Returns:
-        Matrix and vector of a `Window`, and the next errors and places.
     """
     people, boxes, count = sights.people, sights.boxes, len(sights.place)
+    registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
+    matches = match_boxes(sights, person, state, registered, present[registered])
     m, p = len(person), PARAMETERS * count
     errors, quick = slice(0, PARAMETERS), np.flatnonzero(np.arange(p) % PARAMETERS < 4)
     residual = np.zeros((m, count, 3))
@@ -233,11 +255,5 @@ def _solve(
     step = step.reshape(count, PARAMETERS)
     step[:, TURN] = np.clip(step[:, TURN], -LARGEST_STEP, LARGEST_STEP)
     reach = FARTHEST * sights.unit
-    kept = np.flatnonzero(used)
-    track = people.track[person[kept]]
-    tracks = np.unique(track)
-    of_group, to = np.zeros((len(tracks), p, p)), np.zeros((len(tracks), p))
-    for g, one in enumerate(tracks):
-        of_group[g], to[g] = equations.sums(kept[track == one])
-    to += of_group @ theta
-    return of_group, to, present + step, state + np.clip(shift, -reach, reach)
+    placed = state + np.clip(shift, -reach, reach)
+    return _Solved(matches, used, equations, present, present + step, placed)

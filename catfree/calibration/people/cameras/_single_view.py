@@ -125,8 +125,9 @@ def _sample_plane(
     lines = lines[(lines[:, 1] > 0.05) & (np.abs(lines[:, 0]) < 0.36 * lines[:, 1])]
     if not len(lines):
         return None
-    predicted = np.maximum(lines @ design.T, 1e-3)
-    misfit = (tall - predicted) / (TOLERANCE * predicted)
+    # The threads of a matrix product would wait for each other longer than they multiply.
+    predicted = np.maximum(np.einsum("lk,bk->lb", lines, design), 1e-3)
+    misfit = (tall / predicted - 1) / TOLERANCE
     line = lines[np.argmax((1 / (1 + misfit**2)).sum(1))]
     normal = line / np.linalg.norm(line)
     plane = np.zeros(7)

@@ -146,26 +146,27 @@ def _count(
     q = source.xy[frame, other].astype(np.float32) / np.float32(cell)
     by_x, by_y = (np.vstack([p[:, axis], q.T]) for axis in (0, 1))
     side = int(2 * radius / cell)
-    angle = (np.arange(bins) * 2 * np.pi / bins).astype(np.float32)[:, None]
-    votes = np.empty((bins, side, side))
+    # A blurred bin sums itself and the next one: the first heading comes again after the last.
+    angle = (np.arange(bins + 1) % bins * 2 * np.pi / bins).astype(np.float32)[:, None]
+    votes, last = np.empty((bins + 1, side, side)), np.zeros((side, side))
     step = max(1, VOTES_AT_A_TIME // max(len(weight), 1))
-    for first in range(0, bins, step):
-        # A blurred bin sums itself and the next one: one heading more than are stored.
-        headings = angle[np.arange(first, min(first + step, bins) + 1) % bins]
+    for first in range(0, bins + 1, step):
+        headings = angle[first : first + step]
         c, s, one = np.cos(headings), np.sin(headings), np.ones_like(headings)
-        layer = np.arange(len(headings), dtype=np.int32)[:, None]
+        layer = np.arange(1, len(headings) + 1, dtype=np.int32)[:, None]
         x = (np.hstack([one, -c, s]) @ by_x).astype(np.int32)
         y = (np.hstack([one, -s, -c]) @ by_y).astype(np.int32)
         # Those out of range are counted in the first and in an additional row or column.
         at = (layer * (side + 1) + x.clip(0, side)) * (side + 1) + y.clip(0, side)
         count = np.bincount(
-            at.ravel(), np.tile(weight, len(headings)), len(headings) * (side + 1) ** 2
-        ).reshape(len(headings), side + 1, side + 1)[:, :side, :side]
+            at.ravel(), np.tile(weight, len(headings)), (len(headings) + 1) * (side + 1) ** 2
+        ).reshape(-1, side + 1, side + 1)[:, :side, :side]
         count[:, 0] = count[:, :, 0] = 0
+        count[0], last = last, count[-1]
         blurred = np.add(count[:-1], count[1:], out=votes[first : first + step])
         blurred[:, :-1] += blurred[:, 1:]
         blurred[:, :, :-1] += blurred[:, :, 1:]
-    return votes
+    return votes[1:]
 
 
 def align_rigidly(

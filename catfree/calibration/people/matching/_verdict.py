@@ -47,6 +47,7 @@ def judge_camera(
     camera: int,
     *,
     grid: BoxGrid | None = None,
+    camera_people: GroundMap | None = None,
     others: GroundMap | None = None,
     shifts: tuple[float, ...] | None = None,
 ) -> PlacementVerdict:
@@ -57,7 +58,8 @@ def judge_camera(
         state: the rig with the camera.
         camera: index of the camera.
         grid: frames to judge on; all if None.
-        others: the map of the other cameras on these frames; computed if None.
+        camera_people: the map of the camera on these frames; computed if None.
+        others: that of the other cameras; computed if None.
         shifts: circular shifts of time to compare with, as fractions of the sequence; those of the
             settings if None.
     """
@@ -66,9 +68,10 @@ def judge_camera(
     rest = state.without_camera(camera)
     if others is None:
         others = group_people(grid, rest, settings).ground
-    camera_people = map_camera(
-        grid, camera, state.parameters[camera], settings, state.range_tolerance
-    )
+    if camera_people is None:
+        camera_people = map_camera(
+            grid, camera, state.parameters[camera], settings, state.range_tolerance
+        )
 
     def seen_by(one: int, people: GroundMap) -> Bool[np.ndarray, "frame person"]:
         """Mark the people whom a camera should see."""

@@ -75,7 +75,15 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
             source = work.local_map(grid, two, q)
             placement = _settle(target, source, placement, settings.match_gate)
             state = pair(p, placement.place(q))
-            verdict = judge_camera(work, state, two, grid=grid, others=target, shifts=shifts)
+            verdict = judge_camera(
+                work,
+                state,
+                two,
+                grid=grid,
+                camera_people=moved_map(source, placement),
+                others=target,
+                shifts=shifts,
+            )
             found.append((verdict.margin, placement, p, q))
     if not found:
         return None

@@ -44,7 +44,7 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
         for camera in np.flatnonzero(~state.placed):
             accepted = accepted_candidates(work, rig.state, int(camera), pairs)
             if accepted:
-                best, _ = max(accepted, key=lambda one: one[1].margin)
+                best, _ = accepted[0]
                 state = state.with_camera(int(camera), best)
         if state is rig.state:
             break
@@ -121,7 +121,7 @@ def accepted_candidates(
         pairs: pair hypotheses, for candidates relative to placed cameras.
 
     Returns:
-        Parameters (7,) and verdict of each placement.
+        Parameters (7,) and verdict of each placement, the likeliest first.
     """
     people = group_people(work.scoring, state, work.settings).ground
     middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
@@ -133,7 +133,8 @@ def accepted_candidates(
         people,
         log_focal=middle,
     )
-    return [one for one in judged if one is not None and one[1].accepted]
+    accepted = [one for one in judged if one is not None and one[1].accepted]
+    return sorted(accepted, key=lambda one: -one[1].margin)
 
 
 def judge_refined(
