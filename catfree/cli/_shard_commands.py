@@ -183,6 +183,10 @@ def run_sites(
 
 
 def _holds_boxes(path: Path) -> bool:
+    from catfree.adapters.datasets._detection_files import RESULT_BOXES
+
+    if (path / RESULT_BOXES).is_file():  # beside tables of tracks
+        return False
     held = path.rglob("*") if path.is_dir() else ()
     return path.suffix.lower() in BOXES or any(one.suffix.lower() == ".parquet" for one in held)
 
