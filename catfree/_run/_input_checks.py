@@ -108,6 +108,7 @@ def order_like(
 
     Raises:
         InvalidInputError: if the scene has more cameras, and names do not tell which are meant.
+        InsufficientDataError: if a single camera of several is meant.
     """
     if names is None:
         return scene, ()
@@ -128,6 +129,10 @@ def order_like(
             warnings.append(
                 f"There are no {kind} of these cameras of the scene, so they are not used: "
                 f"{', '.join(unused)}."
+            )
+        if len(order) < 2:
+            raise InsufficientDataError(
+                " ".join((f"Localization needs {kind} of at least 2 cameras.", *warnings))
             )
         return replace(scene, rig=scene.rig.select(order)), tuple(warnings)
     if kind != "videos" and is_numbered(wanted):  # default names; those of videos are of files

@@ -39,7 +39,7 @@ from catfree.adapters.protocols import (
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import Anchor, resolve_anchors
-from catfree.errors import InsufficientDataError, InvalidInputError, quoted
+from catfree.errors import InvalidInputError, quoted
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
@@ -358,10 +358,6 @@ def run_boxes(
             raise InvalidInputError(
                 f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "
                 f"{len(boxes.camera_names)}. Leave out the boxes of the other cameras."
-            )
-        if scene.rig.camera_count < 2 <= given.rig.camera_count:
-            raise InsufficientDataError(
-                " ".join(("Localization needs boxes of at least 2 cameras.", *warnings))
             )
         _require_same_sizes(scene, boxes.image_size, boxes.camera_names)
         if scene is given and scene_names is not None and is_numbered(boxes.camera_names):

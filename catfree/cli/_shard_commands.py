@@ -183,6 +183,10 @@ def run_sites(
 
 
 def _holds_boxes(path: Path) -> bool:
+    from catfree.adapters.datasets._detection_files import RESULT_BOXES
+
+    if (path / RESULT_BOXES).is_file():  # beside tables of tracks
+        return False
     held = path.rglob("*") if path.is_dir() else ()
     return path.suffix.lower() in BOXES or any(one.suffix.lower() == ".parquet" for one in held)
 
@@ -208,8 +212,9 @@ def _scene_for(
 def _missing_pictures(path: Path, scene: Any, names: tuple[str, ...] | None) -> Any:
     """Read which pictures do not exist, by the names that the scene gives its cameras."""
     from catfree.adapters.datasets import read_missing_pictures
+    from catfree.adapters.files._camera_names import plain_numbers
 
-    return read_missing_pictures(path, names or [str(c) for c in range(scene.rig.camera_count)])
+    return read_missing_pictures(path, names or plain_numbers(scene.rig.camera_count))
 
 
 def _path(text: str) -> Path | None:

@@ -4,6 +4,7 @@ All printing and all human-readable stage names are in this module.
 """
 
 import contextlib
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -15,6 +16,7 @@ import numpy as np
 from catfree.errors import needing
 
 FAILURE, INTERRUPTED = 1, 130
+WIDEST = 1000  # columns of a table in a file or pipe, where nothing need be folded
 
 # Advice in terms of the library, and the same in terms of commands and their options.
 OPTIONS = {
@@ -150,7 +152,10 @@ def print_table(table: Any, *, aside: bool = False) -> None:
         drawn.add_column(name, justify="left" if at == 0 else "right", overflow="fold")
     for row in table.rows:
         drawn.add_row(*map(Text, row))  # as it stands: names may look like markup
-    Console(stderr=aside).print(drawn)
+    console = Console(stderr=aside)
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console.width = WIDEST
+    console.print(drawn)
 
 
 def fail(sentence: str) -> int:

@@ -16,6 +16,8 @@ from catfree.cli._terminal import print_text, warn
 ASIDE = {
     "error": "Line {line} is left out: {message}",
     "dropped": "A frame of camera {camera} at {time:.3f} s is left out: {reason}.",
+    "silent": "Camera {camera} is silent at {time:.3f} s: no frame of it has come for long. Check "
+    "that it runs, and that frames that show nobody have their lines, too.",
 }
 
 
@@ -41,12 +43,13 @@ def watch(
         provisional: also write the positions of now, which later frames may correct.
         unit: length of one unit of a scene whose file does not state it.
     """
+    from catfree.adapters.files._camera_names import plain_numbers
     from catfree.methods.online import Tracker
     from catfree.methods.online._watch import watch as records_of_lines
 
     known_scene, names = open_scene(scene, unit)
     tracker = Tracker(known_scene, lag=lag)
-    names = names or tuple(str(camera) for camera in range(known_scene.rig.camera_count))
+    names = names or plain_numbers(known_scene.rig.camera_count)
     records = records_of_lines(
         _standard_input(), tracker, names, frame_rate=frame_rate, timeout=timeout
     )

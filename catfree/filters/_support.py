@@ -4,11 +4,13 @@ Source: paper, Sec. "Selecting pedestrian positions", support recount.
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int, Num, ScalarLike
 
+from catfree.errors import InvalidInputError, quoted
 from catfree.filters._sample_arrays import as_floating
 from catfree.types._annotations import HostOrDevice
-from catfree.types._validation import require_shape
+from catfree.types._validation import is_traced, require_shape
 
 
 def support(
@@ -68,10 +70,22 @@ def weighted_support(
     Returns:
         () sum of the reliabilities.
 
+    Raises:
+        InvalidInputError: if a camera has no such ray.
+
     Source: paper, Sec. "Selecting pedestrian positions", where candidates with "stronger camera
         support" come first; Fig. "reliability" for the weights.
     """
-    index, weights = jnp.asarray(index), as_floating(weights)
+    weights = as_floating(weights)
+    require_shape(index, weights.shape[:1], "index")
+    if not is_traced(index):
+        rays = np.asarray(index)
+        if ((rays < -1) | (rays >= weights.shape[1])).any():
+            raise InvalidInputError(
+                f"index is {quoted(rays.tolist())}; of {weights.shape[1]} rays per camera, it must "
+                "name one, or be -1."
+            )
+    index = jnp.asarray(index)
     if weights.shape[1] == 0:
         return jnp.zeros((), weights.dtype)
     chosen = jnp.take_along_axis(weights, jnp.maximum(index, 0)[:, None], axis=1)[:, 0]

@@ -108,7 +108,7 @@ def localize(
     )
     warnings += tuple(fault for fault in faults if fault is not None)
     warnings += _same_cameras(detections, keep, camera_names)
-    if len(detections) and not keep.any():
+    if not keep.any():
         warnings += (_why_none_is_used(detections, scene, settings),)
     if keep.any() and not len(result.tracks):
         warnings += (
@@ -120,7 +120,9 @@ def localize(
 
 
 def _why_none_is_used(detections: Detections, scene: Scene, settings: Settings) -> str:
-    """Say which setting or rig leaves out all boxes, and what to do."""
+    """Say that there are no boxes, or which setting or rig leaves out all, and what to do."""
+    if not len(detections):
+        return "There are no boxes, so nobody is found. Check the detector, or the file it wrote."
     none = f"None of the {len(detections)} boxes is used:"
     registered = scene.rig.registered[detections.camera]
     if not registered.any():

@@ -150,6 +150,11 @@ def _as_array(value: Any) -> np.ndarray:
         raise InvalidInputError(
             f"Expected an array of numbers, got {type(value).__name__}. Pass its {part}."
         )
+    if np.ma.is_masked(value):
+        raise InvalidInputError(
+            "Expected an array, got one with masked entries, which would count as if they were "
+            "not. Leave them out (compressed), or give them a value (filled)."
+        )
     try:
         return np.asarray(value)
     except ValueError as error:

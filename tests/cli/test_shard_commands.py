@@ -42,6 +42,9 @@ def files(tmp_path_factory):
     }
     (folder / "mot").mkdir()
     (folder / "mot" / "a.txt").write_text("1,-1,10,10,20,50,0.9,-1,-1,-1\n")
+    (folder / "results").mkdir()
+    for name in ("detections.npz", "tracks.parquet"):
+        (folder / "results" / name).touch()
     for name, text in lists.items():
         (folder / f"{name}.toml").write_text(text)
     return folder
@@ -166,6 +169,7 @@ def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):
         (["--scene", "scene.json"], "at least 2 videos, got 0"),
         (["a.mp4", "b.mp4", "--scene", "scene.json"], "Camera 0: There is no video file"),
         (["x.npz", "--scene", "scene.json"], "x.npz"),
+        (["results", "--scene", "scene.json"], "results holds files that end like boxes, not"),
         (["mot", "--scene", "scene.json"], "mot holds files that end like boxes, not like a"),
         (["boxes.parquet", "--scene", "scene.json"], "mean nothing. Give --frame-rate, or in a"),
         (["boxes.parquet", "--scene", "scene.json", *CUT[2:], "--every", "2"], "longer than"),

@@ -129,6 +129,16 @@ def test_names_of_cameras_fold_where_the_terminal_is_narrow(capsys, monkeypatch)
     assert "".join(row[1].strip() for row in rows) == name
 
 
+def test_tables_in_a_file_are_not_folded(capsys, monkeypatch):
+    pytest.importorskip("rich")
+    monkeypatch.delenv("COLUMNS", raising=False)
+    row = ("north", *["doubtful 12.00 +- 0.34"] * 7)
+    print_table(Table(("camera", *["people matched (%)"] * 7), (row,)))
+    shown = capsys.readouterr().out.splitlines()
+    assert len(shown) == 5
+    assert shown[3].count("doubtful 12.00 +- 0.34") == 7
+
+
 @pytest.mark.parametrize("name", ["hall [north]", "x[/b]", "gate :smile:"])
 def test_names_of_cameras_are_no_markup(capsys, name):
     pytest.importorskip("rich")

@@ -205,6 +205,7 @@ def test_no_detections_at_all():
     assert len(found.tracks) == len(found.candidates) == 0
     assert found.thresholds.tau_sigma is None
     assert np.isnan(found.reliability.median_sigma)
+    assert found.warnings[0].startswith("There are no boxes, so nobody is found.")
 
 
 def test_all_scores_below_the_confidence():

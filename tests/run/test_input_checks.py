@@ -141,6 +141,9 @@ def test_cameras_of_the_scene_without_boxes_are_named():
     assert said == (
         "There are no boxes of these cameras of the scene, so they are not used: b, c.",
     )
+    for kind in ("videos", "boxes"):
+        with pytest.raises(InsufficientDataError, match=f"needs {kind} of at least 2 .* a, c, d"):
+            order_like(scene, ["a", "b", "c", "d"], ["b"], kind)
 
 
 def test_names_that_do_not_fit_are_told_and_default_ones_are_not(clips):

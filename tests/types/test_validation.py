@@ -402,6 +402,15 @@ def test_numbers_up_to_63_bits_stay_what_they_are():
         assert as_integer([value], "frame")[0] == value
 
 
+def test_masks_are_not_dropped():
+    with pytest.raises(InvalidInputError, match="masked entries"):
+        Detections(np.ma.array([0, 1], mask=[0, 1]), [0, 0], [[0, 0, 1, 1]] * 2)
+    boxes = np.ma.masked_invalid([[0, 0, 1, 1], [0, 0, 1, np.nan]])
+    with pytest.raises(InvalidInputError, match="masked entries"):
+        Detections([0, 1], [0, 0], boxes)
+    np.testing.assert_array_equal(Detections([0], [0], boxes[:1]).box, boxes[:1])
+
+
 def test_imaginary_parts_are_not_dropped():
     for value in ([1j], np.array([1 + 0j]), jnp.array([1j]), np.array(["2020"], "datetime64[Y]")):
         with pytest.raises(InvalidInputError, match="Expected real numbers"):

@@ -87,10 +87,11 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
     """
     folder = require_folder(out, "results of shards")
     stored = folder / PLAN
-    if plan is None and stored.is_file():
-        plan = read_plan(stored).shards
     if plan:
         _leave_earlier_plan(folder, plan)
+    elif stored.is_file():
+        advice = f" If they ran by another plan, delete {stored}."
+        _leave_earlier_plan(folder, read_plan(stored).shards, advice)
     receipts = read_receipts(folder)
     first = receipts[0]
     require_scene_file(folder, first.scene_file)
@@ -122,7 +123,7 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
     return open_tracks(folder)
 
 
-def _leave_earlier_plan(folder: Path, plan: Sequence[Shard]) -> None:
+def _leave_earlier_plan(folder: Path, plan: Sequence[Shard], advice: str = "") -> None:
     """Remove the shards of an earlier plan once all those of this plan are finished.
 
     Raises:
@@ -131,16 +132,18 @@ def _leave_earlier_plan(folder: Path, plan: Sequence[Shard]) -> None:
     receipts = [files_of(folder, shard.index).receipt for shard in plan]
     finished = {read_receipt(path).shard for path in receipts if path.is_file()}
     unfinished = [shard.index for shard in plan if shard.fingerprint not in finished]
-    _require_finished(folder, unfinished, plan[0].count)
+    _require_finished(folder, unfinished, plan[0].count, advice)
     remove_beyond(folder, plan[0].count)
 
 
-def _require_finished(folder: Path, unfinished: Sequence[int], count: int) -> None:
+def _require_finished(
+    folder: Path, unfinished: Sequence[int], count: int, advice: str = ""
+) -> None:
     if unfinished:
         listed = ", ".join(map(str, unfinished[:5])) + (", ..." if len(unfinished) > 5 else "")
         raise FileFormatError(
             f"{folder}: {len(unfinished)} of {count} shards of the plan are not finished "
-            f"({listed}). Run them with cf.run_shard."
+            f"({listed}). Run them with cf.run_shard.{advice}"
         )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from catfree._run.sharded._shard import Shard
 from catfree.adapters.files._documents import StrPath, document_of, write_text_atomically
-from catfree.errors import InvalidInputError, quoted
+from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock
 from catfree.types._validation import as_path, require_declared_types
 
@@ -44,7 +44,8 @@ def write_plan(path: StrPath, plan: PlanFile) -> Path:
     """Write a plan as JSON.
 
     Raises:
-        InvalidInputError: if a shard holds its boxes in memory: save them to a file first.
+        InvalidInputError: if a shard holds its boxes in memory: save them to a file first; or if
+            the folder has finished shards of a plan with another scene, method or networks.
         WriteError: if the disk is full or not writable.
     """
     if not all(isinstance(shard.detections, str | None) for shard in plan.shards):
@@ -52,8 +53,25 @@ def write_plan(path: StrPath, plan: PlanFile) -> Path:
             "A plan in a file needs its boxes in a file. Save them with Detections.save or "
             "cf.adapters.write_detections_parquet, and pass the path to cf.shards."
         )
+    _require_same_run(Path(path), plan)
     document = {"schema": _SCHEMA} | dataclasses.asdict(plan)
     return write_text_atomically(path, json.dumps(document, indent=1) + "\n")
+
+
+def _require_same_run(path: Path, plan: PlanFile) -> None:
+    """Raise if finished shards beside the path are of a plan that differs in more than shards."""
+    if not any(path.parent.glob("part-*.json")):
+        return
+    try:
+        earlier = read_plan(path)
+    except (FileFormatError, InvalidInputError):  # damaged, of another version, or absent
+        return
+    for name in ("scene", "unit", "method", "detector", "embedder"):
+        if getattr(earlier, name) != getattr(plan, name):
+            raise InvalidInputError(
+                f"{path.parent} holds finished shards of a plan with another {name}, "
+                f"{quoted(getattr(earlier, name))}. Name another folder, or delete this one first."
+            )
 
 
 def read_plan(path: StrPath) -> PlanFile:

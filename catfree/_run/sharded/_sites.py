@@ -36,7 +36,7 @@ from catfree.adapters.calibration_files._rig_json import (
 from catfree.adapters.datasets import read_missing_pictures, read_scene
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.datasets._scene_files import METERS, Unit
-from catfree.adapters.files._camera_names import names_of_files, numbered_names
+from catfree.adapters.files._camera_names import names_of_files, numbered_names, plain_numbers
 from catfree.adapters.files._documents import StrPath
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.files._toml import read_toml
@@ -173,7 +173,7 @@ def run_sites(
                 continue
             try:
                 names = camera_names.get(site.name)
-                silent = _silent(site, names or _numbers(scenes[site.name].rig.camera_count))
+                silent = _silent(site, names or plain_numbers(scenes[site.name].rig.camera_count))
                 plan += shards(
                     site.recording, every, overlap, site.frame_rate, silent=silent,
                     site=site.name, date=site.date, camera_names=names,
@@ -238,11 +238,6 @@ def _silent(site: Site, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"] |
     if isinstance(site.silent, str):
         return read_missing_pictures(site.silent, camera_names)
     return as_pictures(site.silent, "silent") if site.silent else None
-
-
-def _numbers(cameras: int) -> list[str]:
-    """Return the names of cameras that have none in a table of missing pictures."""
-    return [str(camera) for camera in range(cameras)]
 
 
 def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
@@ -456,7 +451,7 @@ def calibrate_site(
     path = folder / f"{key[:40]}.json"
     if path.is_file():
         return read_scene_json(path)[0]
-    silent = _silent(site, _numbers(len(site.image_size or ())))
+    silent = _silent(site, plain_numbers(len(site.image_size or ())))
     plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate, silent=silent)
     reason: CatFreeError | None = None
     for shard in _spread(plan)[:MOST_TRIES]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
+from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.files._camera_names import (
     files_ending,
@@ -37,6 +38,7 @@ from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
 from catfree.types._validation import as_integer, as_path, as_paths
 
+RESULT_BOXES, RESULT_SCENE = "detections.npz", "scene.json"  # in a folder of results
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
 
 # The first of these that a table has is its column.
@@ -213,6 +215,8 @@ def holds_boxes(path: StrPath) -> bool:
     """Return whether a path is one of boxes rather than of a video or a folder of images."""
     place = as_path(path, "path")
     if place.is_dir():
+        if (place / RESULT_BOXES).is_file():  # pictures may be beside it
+            return True
         try:
             return not has_images(place) and bool(_files_of(place))
         except InvalidInputError:
@@ -229,8 +233,8 @@ def _files_of(source: Path) -> list[Path]:
     """List the files with boxes of a folder; a file stands for itself."""
     if not source.is_dir():
         return [source]
-    if (source / "detections.npz").is_file():
-        return [source / "detections.npz"]
+    if (source / RESULT_BOXES).is_file():
+        return [source / RESULT_BOXES]
     if any(source.glob("*.parquet")):
         # Read as one table. Arrow leaves out names that begin like these.
         others = (path for path in source.iterdir() if not path.name.startswith((".", "_")))
@@ -267,7 +271,7 @@ def _read(path: Path, known: tuple[str, ...]) -> _Part:
     if path.is_dir() or suffix == ".parquet":
         return _part_of_parquet(path, known)
     if suffix == ".npz":
-        return _Part(Detections.load(path))
+        return _part_of_results(path)
     if suffix == ".json":
         if is_coco(read_json(path, "boxes")):
             return _part_of_coco(path, None)
@@ -287,6 +291,17 @@ def _read(path: Path, known: tuple[str, ...]) -> _Part:
             f"{path} is not a file of boxes that is known: {', '.join(SUFFIXES)}."
         )
     return _Part(read_mot(path).detections(), one_camera=True)
+
+
+def _part_of_results(path: Path) -> _Part:
+    """Read saved boxes, and the names and image sizes of their cameras from the scene of a run."""
+    boxes, scene = Detections.load(path), path.with_name(RESULT_SCENE)
+    if path.name != RESULT_BOXES or not scene.is_file():
+        return _Part(boxes)
+    known, names = read_scene_json(scene)
+    if boxes.camera.max(initial=-1) >= known.rig.camera_count:
+        return _Part(boxes)
+    return _Part(boxes, names, np.asarray(known.rig.image_size))
 
 
 def _part_of_coco(path: Path, images: Path | None) -> _Part:

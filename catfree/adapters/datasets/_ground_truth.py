@@ -143,7 +143,8 @@ def _read_csv(path: Path) -> np.ndarray:
 
     Raises:
         FileFormatError: if a column is missing or occurs twice, or a line (which it names) has too
-            few or too many columns or a value that is not a number.
+            few or too many columns or a value that is not a number, or a person of a frame occurs
+            twice.
     """
     table = read_csv(path, "ground truth")
     header = table.header
@@ -162,7 +163,16 @@ def _read_csv(path: Path) -> np.ndarray:
         )
     columns = table.columns(once=names)
     rows = zip(table.lines, zip(*(columns[name] for name in names), strict=True), strict=True)
-    return np.array([_row_of(words, names, path, line) for line, words in rows])
+    truth = np.array([_row_of(words, names, path, line) for line, words in rows])
+    line_of: dict[tuple[float, ...], int] = {}
+    for line, (frame, person) in zip(table.lines, truth[:, :2].tolist(), strict=True):
+        earlier = line_of.setdefault((frame, person), line)
+        if person >= 0 and earlier != line:
+            raise FileFormatError(
+                f"{path}: lines {earlier} and {line} both say where person {person:.0f} is in "
+                f"frame {frame:.0f}. Give every person one line per frame."
+            )
+    return truth
 
 
 def _row_of(words: Sequence[str], names: list[str], path: Path, line: int) -> list[float]:

@@ -106,6 +106,11 @@ def numbered_names(count: int) -> tuple[str, ...]:
     return tuple(f"C{camera + 1}" for camera in range(count))
 
 
+def plain_numbers(count: int) -> tuple[str, ...]:
+    """Return the numbers 0, 1, ... by which tables and lines name cameras that have no names."""
+    return tuple(map(str, range(count)))
+
+
 def is_numbered(names: Sequence[str]) -> bool:
     """Return whether cameras have the names C1, C2, ... that stand for none."""
     return tuple(names) == numbered_names(len(names))

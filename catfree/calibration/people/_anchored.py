@@ -189,6 +189,18 @@ class _Problem:
     crowd: float
     unusual: float
 
+    def contradiction(self) -> CalibrationError:
+        """Say that nothing fits, and what to check."""
+        if len(self.start) < 4:
+            return CalibrationError(
+                "The lengths and heights of the anchors contradict the people and each other; "
+                "check that they are in meters, and the pixels of lengths."
+            )
+        return CalibrationError(
+            "The anchors on the map contradict the people and each other; check their units, the "
+            "order of x and y, and whether x, y and up are right-handed."
+        )
+
     def misfit_without(self, chosen: Bool[np.ndarray, " u"], at: int) -> float:
         """Sum of squares without one of the chosen measurements, or without the crowd's height.
 
@@ -243,7 +255,7 @@ class _Problem:
             change = max(np.abs(step).max(), np.abs(moved - at).max())
             at, frame, rounds = moved, frame + np.pad(step, (0, fixed)), rounds + 1
             if not abs(frame[0]) < FARTHEST:
-                raise _contradiction()
+                raise self.contradiction()
         cross = -gain @ W @ G @ Q
         free = np.block([[prior - gain @ M @ gain.T, cross], [cross.T, Q]])
         joint = np.pad(free, (0, fixed))
@@ -283,7 +295,7 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
         if len(against):
             left = [problem.misfit_without(chosen, int(at)) for at in against]
             if np.isinf(left).all():
-                raise _contradiction()
+                raise problem.contradiction()
             same = against[np.array(left) <= (1 + SAME) * min(left) + SAME]
             chosen[crowd] = True
             chosen[crowd if same[-1] == crowd else same[0]] = False
@@ -292,13 +304,6 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
         if not len(again):
             return chosen, fit
         chosen[again[0]] = returned[again[0]] = True
-
-
-def _contradiction() -> CalibrationError:
-    return CalibrationError(
-        "The anchors on the map contradict the people and each other; check their units, the order "
-        "of x and y, and whether x, y and up are right-handed."
-    )
 
 
 def _prior(calibration: Calibration) -> Float[np.ndarray, "n n"]:

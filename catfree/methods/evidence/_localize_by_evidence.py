@@ -152,7 +152,7 @@ def describe(
         existence=s.probability[rows],
         support=support,
         velocity=mean[:, 3:] * pace,
-        velocity_covariance=s.trails.covariance[rows, 3:, 3:] * pace**2,
+        velocity_covariance=symmetrized(s.trails.covariance[rows, 3:, 3:]) * pace**2,
         design_sigma=s.design_sigma[rows] * unit,
         whole_views=s.whole_views[rows],
     ).renumbered()

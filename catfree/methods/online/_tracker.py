@@ -296,7 +296,7 @@ class Tracker:
             existence=column("existence"),
             support=support,
             velocity=mean[:, 3:] * pace,
-            velocity_covariance=spread[:, 3:, 3:] * pace**2,
+            velocity_covariance=symmetrized(spread[:, 3:, 3:]) * pace**2,
             clock=_clock(time),
             design_sigma=place[:, 0] * unit,
             whole_views=place[:, 1].astype(np.int64),

@@ -11,6 +11,7 @@ import numpy as np
 
 from catfree.errors import CatFreeError, InvalidInputError, quoted
 from catfree.methods.online._instant_assembler import (
+    LEAP,
     DroppedFrame,
     Instant,
     InstantAssembler,
@@ -53,12 +54,15 @@ def watch(
         Dictionaries that JSON can hold, told apart by `type`: "provisional" and "final" (`time`
         and `people`: `id`, `x`, `y`, `covariance`, `velocity` in scene units and seconds,
         `existence`; none if nobody is there), "merge" (identity `old` is `new`), "dropped" (a
-        frame that came too late or too early, or was replaced by a newer one) and "error" (`line`,
+        frame that came too late or too early, or was replaced by a newer one), "silent" (no frame
+        of `camera` came in the ten seconds, or ten intervals, before `time`, or none at all until
+        the end; told once until another one comes) and "error" (`line`,
         counted from 1, and `message`: a line or an instant that could not be used; the next one is
         read).
     """
     require_names(camera_names, tracker.scene.rig.camera_count, distinct=True)
     assembler = InstantAssembler(len(camera_names), frame_rate, timeout)
+    silence = _Silence(camera_names, LEAP * max(1.0, 1 / assembler.frame_rate))
     waiting: deque[float] = deque()  # times of instants that are not final
     number = 0
     for number, line in enumerate(lines, 1):
@@ -69,23 +73,65 @@ def watch(
         except CatFreeError as error:
             yield _error(number, error)
             continue
-        yield from _answers(instants, tracker, camera_names, waiting, number)
+        yield from _answers(instants, tracker, silence, waiting, number)
         yield from _dropped(assembler.take_dropped(), camera_names)
-    yield from _answers(assembler.finish(), tracker, camera_names, waiting, number)
+    yield from _answers(assembler.finish(), tracker, silence, waiting, number)
     yield from _dropped(assembler.take_dropped(), camera_names)
+    yield from silence.at_end()
     yield from records_of(tracker.finish(), waiting)
+
+
+class _Silence:
+    """Tells which cameras deliver no frames for long.
+
+    Attributes:
+        names: (C,) of the cameras.
+        patience: seconds that are long.
+        now: time of the last instant.
+        last: time of the last frame of each camera, or of the first instant if it has none.
+        told: cameras that were named since then.
+        unheard: cameras without a frame.
+    """
+
+    def __init__(self, names: Sequence[str], patience: float) -> None:
+        self.names, self.patience = names, patience
+        self.now, self.last = -math.inf, list[float]()
+        self.told: set[int] = set()
+        self.unheard = set(range(len(names)))
+
+    def after(self, instant: Instant) -> Iterator[Record]:
+        """Name the cameras that are silent for long at an instant."""
+        self.last = self.last or [instant.time] * len(self.names)
+        self.now = instant.time
+        for camera in instant.cameras:
+            self.last[camera] = instant.time
+        self.told.difference_update(instant.cameras)
+        self.unheard.difference_update(instant.cameras)
+        yield from self._tell(c for c, t in enumerate(self.last) if self.now - t >= self.patience)
+
+    def at_end(self) -> Iterator[Record]:
+        """Name the cameras of which no frame ever came, if others have some."""
+        if self.last:
+            yield from self._tell(sorted(self.unheard))
+
+    def _tell(self, cameras: Iterable[int]) -> Iterator[Record]:
+        for camera in cameras:
+            if camera not in self.told:
+                self.told.add(camera)
+                yield {"type": "silent", "camera": self.names[camera], "time": self.now}
 
 
 def _answers(
     instants: Iterable[Instant],
     tracker: Tracker,
-    names: Sequence[str],
+    silence: _Silence,
     waiting: deque[float],
     line: int,
 ) -> Iterator[Record]:
     """Follow the instants that a line completed; one that cannot be used does not end the rest."""
     for instant in instants:
-        yield from _dropped(instant.dropped, names)
+        yield from _dropped(instant.dropped, silence.names)
+        yield from silence.after(instant)
         try:
             update = tracker.update(instant.detections, instant.time, instant.cameras)
         except CatFreeError as error:

@@ -7,6 +7,7 @@ shadows of bodies only on the ground.
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -145,11 +146,15 @@ def _render_in_processes(
             workers, mp_context=context, initializer=_start_worker, initargs=(reports, tasks[0][3])
         ) as pool:
             pending: set[Future[None]] = {pool.submit(_work, *task) for task in tasks}
-            while pending:
-                finished, pending = wait(pending, timeout=POLL)
-                drain()
-                for future in finished:
-                    future.result()
+            try:
+                while pending:
+                    finished, pending = wait(pending, timeout=POLL)
+                    drain()
+                    for future in finished:
+                        future.result()
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
     except BrokenProcessPool as error:
         raise CatFreeError(
             "The rendering processes ended early. Call render_videos from under "
@@ -163,6 +168,7 @@ _worker: dict[str, Any] = {}
 
 
 def _start_worker(reports: Any, stage: Stage) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # end without a traceback
     cv2.setNumThreads(1)
     _worker["reports"] = reports
     _worker["ground"] = ground_picture(stage)

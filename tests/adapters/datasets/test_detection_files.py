@@ -1,15 +1,22 @@
 """Boxes of all cameras: every format gives the same detections, and mistakes are named."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 import catfree as cf
-from catfree.adapters import read_coco, write_detections_parquet, write_mot_boxes
+from catfree.adapters import (
+    read_coco,
+    write_detections_parquet,
+    write_mot_boxes,
+    write_scene_json,
+)
 from catfree.adapters.datasets._detection_files import holds_boxes, read_camera_boxes
 from catfree.errors import FileFormatError, InvalidInputError
+from catfree.synthetic import make_world
 
 NAMES = ("C1", "C2", "C10")
 
@@ -511,3 +518,23 @@ def test_numbers_of_any_length_in_names_are_read_or_refused(camera, tmp_path):
     path.write_text(json.dumps({"images": [image], "annotations": [shown], "categories": []}))
     with pytest.raises(FileFormatError, match="has no number of a frame"):
         read_coco(path)
+
+
+def test_boxes_of_results_keep_the_names_of_their_cameras(tmp_path):
+    world = make_world("ring3", frames=3, people=2)
+    world.detections.save(tmp_path / "detections.npz")
+    (tmp_path / "heat_map.png").touch()
+    write_scene_json(tmp_path / "scene.json", world.scene, NAMES)
+    assert holds_boxes(tmp_path)
+    found = read_camera_boxes(tmp_path)
+    assert found.camera_names == NAMES
+    np.testing.assert_array_equal(found.image_size, world.scene.rig.image_size)
+    turned = cf.read_detections(tmp_path, NAMES[::-1])[0]
+    np.testing.assert_array_equal(turned.camera, 2 - world.detections.camera)
+    with pytest.raises(InvalidInputError, match="which are not all among A, B, C"):
+        cf.read_detections(tmp_path, ["A", "B", "C"])
+    scene = world.scene  # of fewer cameras than the boxes
+    write_scene_json(
+        tmp_path / "scene.json", replace(scene, rig=scene.rig.select([0, 1])), NAMES[:2]
+    )
+    assert read_camera_boxes(tmp_path, NAMES).camera_names == NAMES

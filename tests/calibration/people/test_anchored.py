@@ -173,6 +173,12 @@ def test_the_scene_comes_out_in_the_frame_of_the_map(seed, turn, x, y):
         assert off[camera] @ np.linalg.solve(covariance, off[camera]) < 30
 
 
+def test_a_length_that_nothing_fits_is_not_told_to_be_on_a_map():
+    calibration, rng = drawn(0)
+    with pytest.raises(CalibrationError, match="The lengths and heights of the anchors contradict"):
+        anchored(calibration, [distance(0, rng, 1e9)])
+
+
 @settings(max_examples=8)
 @given(st.integers(0, 10**6))
 def test_an_anchor_that_contradicts_the_others_is_named_and_not_used(seed):

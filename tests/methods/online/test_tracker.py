@@ -71,7 +71,8 @@ def test_an_infinite_lag_is_localize():
 @pytest.mark.slow
 def test_covariances_are_symmetric_to_the_last_bit(stream):
     for tracks in [cf.localize(DETECTIONS, SCENE).tracks, *(u.final for u in stream)]:
-        np.testing.assert_array_equal(tracks.covariance[:, 0, 1], tracks.covariance[:, 1, 0])
+        for matrix in (tracks.covariance, tracks.velocity_covariance):
+            np.testing.assert_array_equal(matrix[:, 0, 1], matrix[:, 1, 0])
 
 
 @pytest.mark.slow

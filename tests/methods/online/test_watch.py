@@ -192,6 +192,32 @@ def test_an_instant_that_cannot_be_used_ends_neither_the_stream_nor_the_next_ins
     assert kinds(together, timeout=5) == ["error", "provisional", "final"]
 
 
+@pytest.mark.parametrize(
+    ("heard", "told"),
+    [
+        ({"a": (0, 14)}, [("b", 10), ("c", 10), ("d", 10)]),
+        ({"a": (0, 3), "d": (2, 3)}, [("b", 3), ("c", 3)]),
+        (
+            {"a": (0, 27), "b": (0, 1), "c": (0, 27), "d": (13, 15)},
+            [("d", 10), ("b", 11), ("d", 25)],
+        ),
+        (dict.fromkeys("abcd", (0, 14)), []),
+        ({}, []),
+    ],
+)
+def test_cameras_that_are_silent_for_long_are_told_once(heard, told):
+    text = [
+        line(name, time, [])
+        for time in range(30)
+        for name, (first, last) in heard.items()
+        if first <= time <= last
+    ]
+    tracker = Tracker(make_world("ring4", frames=2, people=2).true_scene)
+    records = list(watch(text, tracker, "abcd", frame_rate=1))
+    silent = [(r["camera"], r["time"]) for r in records if r["type"] == "silent"]
+    assert silent == told
+
+
 def test_every_camera_of_the_scene_needs_a_name():
     tracker = Tracker(make_world("ring4", frames=2, people=2).true_scene)
     with pytest.raises(InvalidInputError, match="has 2 names, but there are 4 cameras"):

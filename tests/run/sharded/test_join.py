@@ -271,6 +271,8 @@ def test_what_an_earlier_plan_found_is_not_joined_for_a_new_one(copy):
     plan = tuple(plan_of(200, 50, 12))  # as many shards, with more overlap
     write_plan(copy / PLAN, PlanFile(plan, "scene.json", str(copy)))
     with pytest.raises(FileFormatError, match=r"4 of 4 shards of the plan are not finished \(0, 1"):
+        join_shards(copy, plan)
+    with pytest.raises(FileFormatError, match=rf"by another plan, delete {copy / PLAN}\."):
         join_shards(copy)
     assert table_bytes(copy) == before
     assert cf.open_tracks(copy).parts

@@ -133,6 +133,23 @@ def test_boxes_in_memory_do_not_fit_into_a_file(tmp_path):
         write_plan(tmp_path / "plan.json", plan)
 
 
+def test_finished_shards_are_not_taken_for_those_of_a_plan_that_makes_them_otherwise(tmp_path):
+    path, plan = tmp_path / "plan.json", PlanFile(SHARDS, "scene.json", "out")
+    paper = dataclasses.replace(plan, method="paper")
+    for one in (paper, plan):  # nothing is finished
+        write_plan(path, one)
+    (tmp_path / "part-00000.json").write_text("{}")
+    fewer = dataclasses.replace(plan, shards=SHARDS[:1])
+    assert len(read_plan(write_plan(path, fewer)).shards) == 1
+    for change in ({"method": "paper"}, {"unit": "cm"}, {"scene": "b"}, {"detector": "yolo.onnx"}):
+        name = next(iter(change))
+        with pytest.raises(InvalidInputError, match=f"a plan with another {name}, .* another fol"):
+            write_plan(path, dataclasses.replace(plan, **change))
+        assert read_plan(path).method == "default"
+    path.write_text("{}")
+    assert write_plan(path, paper) == path
+
+
 @given(st.integers(-5, 5))
 def test_a_shard_is_found_by_its_index_or_refused(index):
     if 0 <= index < len(SHARDS):

@@ -1,3 +1,7 @@
+import multiprocessing
+import signal
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 
 import cv2
@@ -13,6 +17,7 @@ from catfree.synthetic.render._backdrop import render_background
 from catfree.synthetic.render._bodies import SHIRT, body_vertices, build_mesh
 from catfree.synthetic.render._clothes import dress
 from catfree.synthetic.render._painter import Painter
+from catfree.synthetic.render._render_videos import _start_worker
 from catfree.synthetic.render._stage import build_stage
 from catfree.synthetic.render._textures import ground_picture
 
@@ -218,3 +223,29 @@ def test_wrong_requests_are_refused(world, tmp_path):
     with pytest.raises(InvalidInputError, match="without lens distortion"):
         render_videos(make_world(shop(), frames=1, people=1), tmp_path / "bent")
     assert not (tmp_path / "bent").exists()
+
+
+@pytest.mark.slow
+def test_an_interruption_leaves_out_the_cameras_that_have_not_begun(tmp_path):
+    world = make_demo_world(cameras=8, people=1, frames=20, image_size=(160, 96))
+
+    def interrupted(*report):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render_videos(world, tmp_path, interrupted, workers=2)
+    assert len(list(tmp_path.glob("*.mp4"))) < 8
+
+
+@pytest.mark.slow
+def test_an_interruption_ends_a_worker_at_once_and_without_a_word(capfd):
+    world = make_world("ring3", frames=2, people=1)
+    stage = build_stage(world.area, world.columns, world.true_centres, seed=0)
+    context = multiprocessing.get_context("spawn")
+    given = context.SimpleQueue(), stage
+    with (
+        ProcessPoolExecutor(1, context, _start_worker, given) as pool,
+        pytest.raises(BrokenProcessPool),
+    ):
+        pool.submit(signal.raise_signal, signal.SIGINT).result()
+    assert capfd.readouterr().err == ""
