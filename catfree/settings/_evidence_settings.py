@@ -113,7 +113,7 @@ class EvidenceSettings(CheckedSettings):
         most_places: share of the places that are in the usual number of images, or in more.
         missing_views: a place is outside the working area if the whole body is in fewer images
             there than usual, by at least this share of the cameras that see anybody. If the usual
-            number is less than that, none is excluded.
+            number is less than that, or than `witnesses`, none is excluded.
     """
 
     not_zero = frozenset(
@@ -288,9 +288,9 @@ class EvidenceSettings(CheckedSettings):
         20.0, "decision", "with fewer than twenty boxes, a place follows its camera"
     )
     clutter_range: tuple[float, float] = constant(
-        (0.4, 10.0),
+        (0.2, 10.0),
         "decision",
-        "below 0.4 the ratio would reinforce itself, because expectation maximization exaggerates "
+        "below 0.2 the ratio would reinforce itself, because expectation maximization exaggerates "
         "it; above ten a place shows no people anyway",
     )
     outage_expected: float = constant(

@@ -47,7 +47,7 @@ def in_working_area(
     Two criteria must hold. The design uncertainty is not far above the median of the places. The
     number of images with the whole body is less than half of the rig (`missing_views`) below what
     most places have (`most_places`), or it is at least `witnesses`, with which the cameras check
-    each other anywhere.
+    each other anywhere; where most places have fewer than these, this criterion does not count.
 
     Args:
         xy: (n, 2) positions in H0.
@@ -89,7 +89,7 @@ class UsualPlace(NamedTuple):
     ) -> Bool[np.ndarray, " person"]:
         """Mark the places in the area by their uncertainty and number of images, (n,)."""
         enough = self.whole - whole < settings.missing_views * cameras
-        enough |= whole >= settings.witnesses
+        enough |= (whole >= settings.witnesses) | (self.whole < settings.witnesses)
         return (np.log(sigma) <= np.log(self.sigma) + np.log(settings.working_sigma)) & enough
 
 

@@ -104,6 +104,13 @@ def test_where_people_are_usually_in_few_images_two_are_enough():
     )
 
 
+@pytest.mark.parametrize("cameras", [2, 4])
+def test_where_people_are_usually_in_fewer_than_three_images_nobody_is_excluded(cameras):
+    whole = np.repeat([2, 0], [9, 1])
+    found = in_working_area(apart(10), np.full(10, 0.02), whole, cameras, SETTINGS)
+    assert found.all()
+
+
 @pytest.mark.slow
 def test_where_people_are_in_half_of_the_images_nobody_is_excluded():
     assert within([[1, 1, 1, 0, 0, 0], [0, 0, 1, 1, 0, 0], [1, 1, 0, 0, 0, 0], [0] * 6]).all()
