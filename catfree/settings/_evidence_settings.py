@@ -74,9 +74,9 @@ class EvidenceSettings(CheckedSettings):
         appearance_limit: largest log-likelihood ratio of one pair.
         gate: largest squared Mahalanobis distance of two boxes of one person, and of a link.
 
-        witnesses: other cameras that must see a person for its detection to be counted, cameras
-            that must see a person from whom noise, speed and appearance are learned, and whole
-            views of a place that `missing_views` never excludes.
+        witnesses: other cameras that must see a person for its detection to be counted (all others
+            if there are fewer), cameras that must see a person from whom noise, speed and
+            appearance are learned, and whole views of a place that `missing_views` never excludes.
         body_ramp: share of the body inside the image between "cut off" and "in view".
         cover_edges: boundaries between classes of hidden share, each with its own detection rate;
             the share of a body inside an image that counts as whole is the last.

@@ -101,7 +101,7 @@ def advance(
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
     existence = judge_groups(
         groups, appearance_log_odds(groups, ratios), np.asarray(measured.cell), boxes,
-        rate(predicted), settings, learned.clutter,
+        rate(predicted), rate.usual, settings, learned.clutter,
     )  # fmt: skip
     log_odds = existence.log_odds
 
@@ -145,9 +145,10 @@ def advance(
     )
 
     learned = forgetting(learned)
-    trials, hits = count_detections(predicted, groups.member, learned.heights, settings)
     active = learned.active | (groups.member >= 0).any(0)
-    sure = place[sure_groups(groups.member, log_odds, int(active.sum()), settings), :2]
+    cameras = int(active.sum())
+    trials, hits = count_detections(predicted, groups.member, learned.heights, cameras, settings)
+    sure = place[sure_groups(groups.member, log_odds, cameras, settings), :2]
     steps = learned.steps
     if 0 < step <= CONSECUTIVE:
         instant = np.repeat([0, 1], [len(state.sure), len(sure)])

@@ -97,6 +97,7 @@ class DetectionRate(eqx.Module):
         covers: (4,) hidden shares that separate the bins.
         trials, hits: (C, 3, 5) people who should be detected, and are, by camera, height and cover.
         rate: (C, 3, 5) probability in each bin.
+        usual: (C,) mean of these probabilities over the people who are detected.
     """
 
     heights: Float[np.ndarray, "cam 2"]
@@ -104,6 +105,7 @@ class DetectionRate(eqx.Module):
     trials: Float[np.ndarray, "cam 3 5"]
     hits: Float[np.ndarray, "cam 3 5"]
     rate: Float[np.ndarray, "cam 3 5"]
+    usual: Float[np.ndarray, " cam"]
 
     def __call__(self, visibility: Views) -> np.ndarray:
         """(H, C) detection probability, including the inside weight."""
@@ -145,12 +147,22 @@ def count_detections(
     visibility: Views,
     member: np.ndarray,
     heights: Float[np.ndarray, "cam 2"],
+    cameras: int,
     settings: EvidenceSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trials and hits (C, 3, 5) of people wholly in view whom other cameras confirm."""
+    """Trials and hits (C, 3, 5) of people wholly in view whom other cameras confirm.
+
+    Args:
+        visibility: (H, C) how the people are expected to be seen.
+        member: (H, C) their boxes, -1 for none.
+        heights: (C, 2) box heights that separate the bins, in pixels.
+        cameras: number of cameras that see anybody.
+        settings: constants.
+    """
     hit = member >= 0
     others = hit.sum(1, keepdims=True) - hit
-    trial = (others >= settings.witnesses) & (visibility.inside == 1)
+    enough = others >= max(1, min(settings.witnesses, cameras - 1))
+    trial = enough & (visibility.inside == 1)
     bins = _bins(visibility, heights, np.array(settings.cover_edges))
     shape = (len(heights), 3, 5)
     trials, hits = (
@@ -174,11 +186,13 @@ def rate_of_counts(
     hit, tried = hits[alive], trials[alive]
     overall = (hit.sum() + pseudo * settings.detection_rate_start) / (tried.sum() + pseudo)
     by_cover = (hit.sum((0, 1)) + pseudo * overall) / (tried.sum((0, 1)) + pseudo)
-    by_camera = (hits.sum((1, 2)) + pseudo * overall) / (trials.sum((1, 2)) + pseudo)
+    detected = hits.sum((1, 2))
+    by_camera = (detected + pseudo * overall) / (trials.sum((1, 2)) + pseudo)
     prior = by_camera[:, None, None] * (by_cover / overall)[None, None]
     low, high = settings.detection_rate_range
     prior = np.clip(prior, low, high)
     shrunk = (hits + pseudo * prior) / (trials + pseudo)
     # Counting may halve the distance to certainty and no more, however long it goes on.
     rate = np.clip(shrunk, low / 2, (1 + high) / 2)
-    return DetectionRate(heights, np.array(settings.cover_edges), trials, hits, rate)
+    usual = ((hits * rate).sum((1, 2)) + pseudo * by_camera) / (detected + pseudo)
+    return DetectionRate(heights, np.array(settings.cover_edges), trials, hits, rate, usual)

@@ -69,6 +69,7 @@ def judge_groups(
     cell: Int[np.ndarray, " box"],
     boxes: Boxes,
     probability: np.ndarray,
+    usual: Float[np.ndarray, " cam"],
     settings: EvidenceSettings,
     clutter: Float[np.ndarray, "2 cam cells cells"] | None = None,
 ) -> Existence:
@@ -81,6 +82,7 @@ def judge_groups(
             person: what is not a person recurs in the same pixels, whatever it is grouped with.
         boxes: the boxes.
         probability: (H, C) detection probability of each group in each camera.
+        usual: (C,) mean of it over the people whom each camera detects.
         settings: constants.
         clutter: as in `Existence`, of earlier boxes; None to learn it by expectation maximization.
     """
@@ -88,7 +90,7 @@ def judge_groups(
     pictured = delivered(probability, groups, boxes, settings)
     probability = probability * pictured[groups.frame]
     # Before learning, a box is as likely false as true.
-    base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
+    base = log_odds_without_clutter(groups.gain + agreement, member, probability, usual, settings)
     log_odds = base
     g, camera = np.nonzero(member >= 0)
     at = camera * CELLS**2 + cell[member[g, camera]]
@@ -104,21 +106,29 @@ def judge_groups(
 
 
 def log_odds_without_clutter(
-    gain: np.ndarray, member: np.ndarray, probability: np.ndarray, settings: EvidenceSettings
+    gain: np.ndarray,
+    member: np.ndarray,
+    probability: np.ndarray,
+    usual: Float[np.ndarray, " cam"],
+    settings: EvidenceSettings,
 ) -> Float[np.ndarray, " group"]:
-    """Log-odds of groups (H,) whose boxes are as likely clutter as a person in view.
+    """Log-odds of groups (H,) if clutter is as frequent as boxes of people.
+
+    Boxes of people are as rare as detections are improbable, so a detection counts relative to
+    those of the other people whom the camera detects.
 
     Args:
         gain: (H,) log evidence for one person, with appearance.
         member: (H, C) boxes, -1 for none.
         probability: (H, C) of detection, 0 in cameras without a picture.
+        usual: (C,) mean of it over the people whom each camera detects.
         settings: constants.
     """
     if settings.use_misses:
         gain = gain + misses(np.where(member < 0, probability, 0.0))
     # Who was detected was visible, whatever was expected.
     rate = np.maximum(probability, settings.detection_rate_range[0])
-    return gain + np.where(member >= 0, np.log(rate), 0.0).sum(1)
+    return gain + np.where(member >= 0, np.log(rate / usual), 0.0).sum(1)
 
 
 def count_clutter(

@@ -131,7 +131,13 @@ def test_everybody_is_seen_as_if_asked_alone_even_where_nothing_can_be_seen(seed
 
 
 def _learned(views, member, heights):
-    return rate_of_counts(heights, *count_detections(views, member, heights, RULES), RULES)
+    cameras = int((member >= 0).any(0).sum())
+    counts = count_detections(views, member, heights, cameras, RULES)
+    return rate_of_counts(heights, *counts, RULES)
+
+
+def _in_full_view(shape):
+    return Views(np.ones(shape), np.full(shape, 100.0), np.zeros(shape), np.ones(shape))
 
 
 @settings(max_examples=10)
@@ -145,7 +151,7 @@ def test_the_rate_of_a_camera_is_what_was_drawn_where_others_are_witnesses(seed,
     hit[H // 2 :] = np.eye(C, dtype=bool)[rng.integers(0, C, H // 2)]
     member = np.where(hit, np.arange(H * C).reshape(H, C), -1)
     shape = (H, C)
-    views = Views(np.ones(shape), np.full(shape, 100.0), np.zeros(shape), np.ones(shape))
+    views = _in_full_view(shape)
     size, camera = np.full(H * C, 100.0), np.tile(np.arange(C), H)
     trials = ((hit.sum(1, keepdims=True) - hit) >= 3).sum(0)
     found = _learned(views, member, usual_heights(size, camera, C, RULES))(views)
@@ -178,10 +184,21 @@ def test_nobody_seen_leaves_the_rate_that_was_assumed():
 
 
 def test_a_dead_camera_says_nothing_about_the_others():
-    # With three live cameras and as many witnesses, only the dead fourth one is ever tried.
+    def rates(member):
+        return _learned(_in_full_view(member.shape), member, np.zeros((member.shape[1], 2))).rate
+
     member = np.tile([0, 0, 0, -1], (200, 1))
-    shape = member.shape
-    views = Views(np.ones(shape), np.full(shape, 100.0), np.zeros(shape), np.ones(shape))
-    found = _learned(views, member, np.zeros((4, 2)))(views)
-    np.testing.assert_allclose(found[:, :3], RULES.detection_rate_start)
-    assert (found[:, 3] < 0.1).all()
+    np.testing.assert_array_equal(rates(member)[:3], rates(member[:, :3]))
+    assert (rates(member)[3] < 0.1).all()
+
+
+@pytest.mark.parametrize("cameras", [2, 3, 4])
+def test_where_there_are_few_cameras_all_others_are_witnesses(cameras):
+    rng = np.random.default_rng(cameras)
+    rate, people = 0.5, 4000
+    member = np.where(rng.random((people, cameras)) < rate, 0, -1)
+    views = _in_full_view(member.shape)
+    found = _learned(views, member, np.zeros((cameras, 2)))
+    # One in eight is seen by the three others: five deviations of a share of 500.
+    np.testing.assert_allclose(found(views), rate, atol=0.11)
+    np.testing.assert_allclose(found.usual, rate, atol=0.11)

@@ -46,10 +46,11 @@ class Scene:
             table[self.frame[g], c, row] = row
         self.boxes = bare_boxes(self.frame[self.group], self.camera, table)
 
-    def judged(self, rate, agreement=0.0, rules=PLAIN):
+    def judged(self, rate, agreement=0.0, rules=PLAIN, usual=1.0):
         H = len(self.groups)
-        rate = np.broadcast_to(rate, (H, CAMERAS))
-        return judge_groups(self.groups, np.full(H, agreement), self.cell, self.boxes, rate, rules)
+        rate, usual = np.broadcast_to(rate, (H, CAMERAS)), np.broadcast_to(usual, CAMERAS)
+        agreed = np.full(H, agreement)
+        return judge_groups(self.groups, agreed, self.cell, self.boxes, rate, usual, rules)
 
 
 def one(seen, gain=2.0):
@@ -60,12 +61,19 @@ def one(seen, gain=2.0):
 seen_by = st.lists(st.booleans(), min_size=CAMERAS, max_size=CAMERAS).filter(any)
 
 
-@given(seen_by, rates, st.floats(-5, 5))
-def test_log_odds_are_gain_and_finds_and_misses_written_out(seen, rate, gain):
-    expected = gain
-    for found, p in zip(seen, rate, strict=True):
-        expected += np.log(max(p, PLAIN.detection_rate_range[0]) if found else 1 - p)
-    assert one(seen, gain).judged(rate).log_odds[0] == pytest.approx(expected, abs=1e-9)
+@given(seen_by, rates, rates, st.floats(-5, 5))
+def test_log_odds_are_gain_and_finds_and_misses_written_out(seen, rate, usual, gain):
+    expected, usual = gain, np.maximum(usual, 0.01)
+    for found, p, u in zip(seen, rate, usual, strict=True):
+        expected += np.log(max(p, PLAIN.detection_rate_range[0]) / u if found else 1 - p)
+    found = one(seen, gain).judged(rate, usual=usual)
+    assert found.log_odds[0] == pytest.approx(expected, abs=1e-9)
+
+
+@given(seen_by, st.floats(0.05, 0.95))
+def test_where_all_are_seen_alike_a_find_is_worth_what_it_is_however_poor_the_camera(seen, rate):
+    found = one(seen).judged(np.where(seen, rate, 0.0), usual=rate)
+    assert found.log_odds[0] == pytest.approx(2.0)
 
 
 @given(seen_by, rates, st.integers(0, CAMERAS - 1), st.floats(0, 0.99))
@@ -102,6 +110,7 @@ def test_saying_that_a_camera_has_no_picture_never_lowers_existence(seen, inside
         np.array(PLAIN.cover_edges),
         *np.zeros((2, CAMERAS, 3, 5)),
         np.full((CAMERAS, 3, 5), 0.8),
+        np.full(CAMERAS, 0.8),
     )
     boxes = replace(scene.boxes, silent=silent)
     told = with_pictures(views, scene.frame, boxes)
