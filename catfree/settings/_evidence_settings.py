@@ -346,9 +346,9 @@ class EvidenceSettings(CheckedSettings):
         0.3, "physical", "half a meter for adults, the usual criterion for a correct position"
     )
     working_sigma: float = constant(
-        3.0, "decision", "three times the typical design uncertainty: a ninth of the information"
+        2.8, "decision", "an eighth of the information that is typical of the places"
     )
     most_places: float = constant(
-        2 / 3, "decision", "where up to a third of the places are, people are only now and then"
+        0.6, "decision", "a clear majority: the others are where people go now and then"
     )
     missing_views: float = constant(0.5, "decision", "half of the cameras that see anybody")

@@ -83,9 +83,9 @@ def test_a_place_is_left_when_half_of_the_rig_has_turned_away():
 
 
 @pytest.mark.slow
-def test_where_more_than_a_third_of_the_places_are_nobody_is_excluded():
+def test_where_two_fifths_of_the_places_are_nobody_is_excluded():
     near, far = [1.0] * 6, [1, 1, 0, 0, 0, 0]
-    np.testing.assert_array_equal(within([near] * 6 + [far] * 3), [True] * 6 + [False] * 3)
+    np.testing.assert_array_equal(within([near] * 7 + [far] * 4), [True] * 7 + [False] * 4)
     assert within([near] * 6 + [far] * 4).all()
 
 
