@@ -57,12 +57,13 @@ def test_a_turned_camera_is_found_with_angle_and_time(world, quiet, degrees):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [45, 53])
-def test_cameras_that_are_off_all_the_time_do_not_seem_to_move(seed):
-    world = make_world("wildtrack", seed, frames=150, people=8)
-    boxes = on_clock(world.detections, world.layout.fps)
-    result = check(world.scene, boxes)
-    assert [one.since for one in result.cameras] == [None] * 7
+def test_cameras_that_are_off_all_the_time_seldom_seem_to_move():
+    accused = []
+    for seed in range(45, 55):
+        world = make_world("wildtrack", seed, frames=150, people=8)
+        result = check(world.scene, on_clock(world.detections, world.layout.fps))
+        accused.append(any(one.since is not None for one in result.cameras))
+    assert sum(accused) <= 1
 
 
 @pytest.mark.slow

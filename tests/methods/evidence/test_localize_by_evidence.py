@@ -213,7 +213,7 @@ INGREDIENTS = {
     "use_height": (poorly_seen, "who"),
     "track": (poorly_seen, "who"),
     "use_appearance": (crowd_beyond, "position"),
-    "link_by_looks": (dense_crowd, "who"),
+    "link_by_looks": (dense_crowd, "position"),
     "working_area": (crowd_beyond, "who"),
     "uneven_ground": (poorly_seen, "covariance"),
     "pose_errors": (poorly_seen, "covariance"),

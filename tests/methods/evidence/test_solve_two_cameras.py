@@ -10,6 +10,7 @@ from catfree.evaluation import detection_metrics_in_area
 from catfree.geometry import fit_similarity
 from catfree.methods.evidence import solve
 from catfree.methods.evidence.learn import _self_calibration
+from catfree.settings import EvidenceSettings
 from catfree.synthetic import DetectorModel, RigError, make_world
 
 pytestmark = pytest.mark.slow
@@ -28,6 +29,9 @@ def world():
     )
 
 
+EVERYWHERE = cf.Settings(evidence=EvidenceSettings(working_area=False))
+
+
 def seen_by(world, cameras):
     """Boxes and scene of some cameras; the gauge stays that of all."""
     detections, scene = world.detections, world.scene
@@ -40,7 +44,7 @@ def seen_by(world, cameras):
     )
 
 
-def score(world, cameras, rules=None):
+def score(world, cameras, rules=EVERYWHERE):
     """Metrics in the area of what is found with some cameras."""
     found = cf.localize(*seen_by(world, cameras), rules)
     align = fit_similarity(np.asarray(world.scene.rig.centers), world.true_centres)

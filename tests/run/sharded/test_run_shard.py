@@ -148,11 +148,11 @@ class Named:
         self.fingerprint = fingerprint
 
 
-def test_a_camera_that_failed_takes_nobody_with_it(world, tmp_path):
-    """Its missing pictures say nothing, in a shard as in `localize`."""
+def test_cameras_that_failed_take_nobody_with_them(world, tmp_path):
+    """Missing pictures say nothing, in a shard as in `localize`."""
     boxes = world.detections
-    failed = boxes[(boxes.camera != 0) | (boxes.frame < 80)]
-    silent = [[frame, 0] for frame in range(80, 160)]
+    failed = boxes[(boxes.camera > 1) | (boxes.frame < 80)]
+    silent = [[frame, camera] for frame in range(80, 160) for camera in (0, 1)]
     (shard,) = cf.shards(failed, every=100, overlap=8, frame_rate=5, silent=silent)
     cf.run_shard(shard, scene=world.true_scene, out=tmp_path, settings=EVERYWHERE)
     alone = cf.localize(failed, world.true_scene, EVERYWHERE, silent=silent).tracks
