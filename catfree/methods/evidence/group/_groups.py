@@ -31,6 +31,11 @@ class Groups:
     def __len__(self) -> int:
         return len(self.frame)
 
+    @property
+    def seeing_cameras(self) -> int:
+        """Number of cameras that see anybody."""
+        return int((self.member >= 0).any(0).sum())
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)

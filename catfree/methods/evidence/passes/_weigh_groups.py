@@ -22,8 +22,7 @@ def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSt
         state.place, groups.frame, boxes, state.views, settings, groups.member
     )
     visibility = with_pictures(visibility, groups.frame, boxes)
-    cameras = int((groups.member >= 0).any(0).sum())
-    counts = count_detections(visibility, groups.member, heights, cameras, settings)
+    counts = count_detections(visibility, groups.member, heights, groups.seeing_cameras, settings)
     rate = rate_of_counts(heights, *counts, settings)
     existence = judge_groups(
         groups, appearance_log_odds(groups, state.ratios), np.asarray(state.measurements.cell),
