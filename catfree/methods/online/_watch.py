@@ -56,9 +56,8 @@ def watch(
         `existence`; none if nobody is there), "merge" (identity `old` is `new`), "dropped" (a
         frame that came too late or too early, or was replaced by a newer one), "silent" (no frame
         of `camera` came in the ten seconds, or ten intervals, before `time`, or none at all until
-        the end; told once until another one comes) and "error" (`line`,
-        counted from 1, and `message`: a line or an instant that could not be used; the next one is
-        read).
+        the end; told once until another one comes) and "error" (`line`, counted from 1, and
+        `message`: a line or an instant that could not be used; the next one is read).
     """
     require_names(camera_names, tracker.scene.rig.camera_count, distinct=True)
     assembler = InstantAssembler(len(camera_names), frame_rate, timeout)
