@@ -5,37 +5,26 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.methods.evidence._gaussian import mean_and_covariance
-from catfree.methods.evidence.group._appearance import (
-    PairRatios,
-    appearance_log_odds,
-    looks_of,
-    no_looks,
-)
-from catfree.methods.evidence.group._group import group
+from catfree.methods.evidence.group._appearance import PairRatios, no_looks
 from catfree.methods.evidence.group._groups import Priors, priors_of
-from catfree.methods.evidence.observe._boxes import LONGEST_PAUSE, prepare_boxes
-from catfree.methods.evidence.observe._measurement import measure_boxes
-from catfree.methods.evidence.observe._views import ground_views
+from catfree.methods.evidence.observe._boxes import LONGEST_PAUSE
 from catfree.methods.evidence.observe._visibility import (
     count_detections,
     expected_views,
     rate_of_counts,
 )
+from catfree.methods.evidence.passes._follow_people import evidence_of_rows
+from catfree.methods.evidence.passes._group_boxes import group_boxes
+from catfree.methods.evidence.passes._observe_boxes import observe_boxes
+from catfree.methods.evidence.passes._weigh_groups import judge, views_of_groups
 from catfree.methods.evidence.report._uneven_ground import ground_shift
 from catfree.methods.evidence.report._working_area import design_sigma, whole_views
-from catfree.methods.evidence.track._existence import (
-    judge_groups,
-    misses,
-    with_pictures,
-)
 from catfree.methods.evidence.track._pasts import Pasts, predict
 from catfree.methods.evidence.track._presence import step_forward
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
     CONSECUTIVE,
     Node,
-    Population,
     counted_steps,
     link,
     motion_of,
@@ -81,46 +70,39 @@ def advance(
     noise, unit = learned.noise, float(learned.unit)
     spread, density = float(noise.spread), float(noise.density)
     pictures = np.column_stack([np.zeros(len(silent), np.int64), silent])
-    boxes = prepare_boxes(detections, scene.rig, settings, pictures, np.zeros(1, np.int64))
-    views = ground_views(scene, unit, boxes)
-    measured = measure_boxes(boxes, views, noise, settings)
-    likeness = likeness_of(learned, settings)
-    ratios = None
-    if boxes.embedding is not None and likeness is not None:
-        ratios = PairRatios(boxes.embedding, likeness)
-        state = with_looks(state, boxes.embedding.dim)
+    now = observe_boxes(
+        detections, scene, unit, noise, settings, pictures, frames=np.zeros(1, np.int64)
+    )
+    embedding, likeness = now.boxes.embedding, likeness_of(learned, settings)
+    if embedding is not None and likeness is not None:
+        now = replace(now, ratios=PairRatios(embedding, likeness))
+        state = with_looks(state, embedding.dim)
 
     motion = motion_of(learned.steps, settings)
     step = usual_steps(learned, float(state.time), time)
     heads = predict(state.heads, *transition(motion, step))
-    priors = _priors(state, heads, density, spread, settings)
-    groups = group(boxes, measured, noise, settings.gate, priors, ratios)
-    place, _ = mean_and_covariance(groups.info, spread)
-    predicted = expected_views(place, groups.frame, boxes, views, settings, groups.member)
-    predicted = with_pictures(predicted, groups.frame, boxes)
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
-    existence = judge_groups(
-        groups, appearance_log_odds(groups, ratios), np.asarray(measured.cell), boxes,
-        rate(predicted), rate.usual, settings, learned.clutter,
-    )  # fmt: skip
+    priors = _priors(state, heads, density, spread, settings)
+    now = group_boxes(replace(now, motion=motion, rate=rate, priors=priors), settings)
+    predicted = views_of_groups(now, settings)
+    now = judge(now, predicted, settings, learned.clutter)
+    boxes, views, groups, existence = now.boxes, now.views, now.groups, now.existence
     log_odds = existence.log_odds
 
-    looks = no_looks(len(groups), state.heads.look.shape[1])
-    if ratios is not None and settings.link_by_looks:
-        looks = looks_of(ratios, groups.member)
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
-    info = groups.info[rows]
-    population = Population(np.zeros(1), motion, density, spread, settings, looks)
+    info, population = groups.info[rows], now.population(settings)
+    looks = population.looks
+    if looks.likeness is None:
+        looks = no_looks(len(groups), state.heads.look.shape[1])
+        population = population._replace(looks=looks)
     node, followed, tracks = link(heads, info, rows, int(state.tracks), population)
     hit = node.group >= 0
     hit_groups = node.group[hit]
     trails = node.trails
     around = expected_views(trails.mean[:, :3], trails.frame, boxes, views, settings)
-    evidence = misses(rate(with_pictures(around, trails.frame, boxes)))
-    evidence[hit] = log_odds[hit_groups]
-    evidence = np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
+    evidence = evidence_of_rows(trails, now, settings)
     forward, weight = _carry(state, node.track, evidence, settings)
-    shift = ground_shift(trails, groups, measured, boxes.view, views, noise, settings)
+    shift = ground_shift(trails, groups, now.measurements, boxes.view, views, noise, settings)
     member = np.full((len(hit), len(learned.active)), -1)
     member[hit] = groups.member[hit_groups]
     matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))
@@ -148,7 +130,7 @@ def advance(
     active = learned.active | (groups.member >= 0).any(0)
     cameras = int(active.sum())
     trials, hits = count_detections(predicted, groups.member, learned.heights, cameras, settings)
-    sure = place[sure_groups(groups.member, log_odds, cameras, settings), :2]
+    sure = now.place[sure_groups(groups.member, log_odds, cameras, settings), :2]
     steps = learned.steps
     if 0 < step <= CONSECUTIVE:
         instant = np.repeat([0, 1], [len(state.sure), len(sure)])

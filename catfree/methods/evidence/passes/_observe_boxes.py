@@ -19,6 +19,7 @@ def observe_boxes(
     settings: EvidenceSettings,
     silent: Int[np.ndarray, "k 2"] | None = None,
     keep: Bool[np.ndarray, " n"] | None = None,
+    frames: Int[np.ndarray, " frame"] | None = None,
 ) -> EvidenceState:
     """Measure every box.
 
@@ -30,11 +31,12 @@ def observe_boxes(
         settings: constants and switches.
         silent: (K, 2) frame and camera of pictures that do not exist.
         keep: (N,) detections to use; None for all.
+        frames: (F,) sorted frame numbers, with boxes or without; None for those with boxes.
 
     Returns:
         A state without groups and tracks.
     """
-    boxes = prepare_boxes(detections, scene.rig, settings, silent, keep=keep)
+    boxes = prepare_boxes(detections, scene.rig, settings, silent, frames, keep)
     views = ground_views(scene, unit, boxes)
     measured = measure_boxes(boxes, views, noise, settings)
     return first_state(boxes, views, noise, measured, settings)

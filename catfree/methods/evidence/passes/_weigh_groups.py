@@ -3,10 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.group._appearance import appearance_log_odds
 from catfree.methods.evidence.observe._visibility import (
+    Views,
     count_detections,
     expected_views,
     rate_of_counts,
@@ -17,15 +19,39 @@ from catfree.settings import EvidenceSettings
 
 def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Learn how often each camera detects people, then the log-odds that each group is one."""
-    boxes, groups, heights = state.boxes, state.groups, state.rate.heights
-    visibility = expected_views(
-        state.place, groups.frame, boxes, state.views, settings, groups.member
-    )
-    visibility = with_pictures(visibility, groups.frame, boxes)
+    visibility = views_of_groups(state, settings)
+    groups, heights = state.groups, state.rate.heights
     counts = count_detections(visibility, groups.member, heights, groups.seeing_cameras, settings)
-    rate = rate_of_counts(heights, *counts, settings)
+    state = replace(state, rate=rate_of_counts(heights, *counts, settings))
+    return judge(state, visibility, settings)
+
+
+def views_of_groups(state: EvidenceState, settings: EvidenceSettings) -> Views:
+    """How every camera should see the person of each group, (H, C)."""
+    frame, boxes = state.groups.frame, state.boxes
+    own = state.groups.member
+    visibility = expected_views(state.place, frame, boxes, state.views, settings, own)
+    return with_pictures(visibility, frame, boxes)
+
+
+def judge(
+    state: EvidenceState,
+    visibility: Views,
+    settings: EvidenceSettings,
+    clutter: Float[np.ndarray, "2 cam cells cells"] | None = None,
+) -> EvidenceState:
+    """Weigh the groups with the detection rate that the state knows.
+
+    Args:
+        state: with groups.
+        visibility: result of `views_of_groups`.
+        settings: constants and switches.
+        clutter: as `judge_groups`.
+    """
+    agreement = appearance_log_odds(state.groups, state.ratios)
+    cell = np.asarray(state.measurements.cell)
     existence = judge_groups(
-        groups, appearance_log_odds(groups, state.ratios), np.asarray(state.measurements.cell),
-        boxes, rate(visibility), rate.usual, settings,
+        state.groups, agreement, cell, state.boxes, state.rate(visibility), state.rate.usual,
+        settings, clutter,
     )  # fmt: skip
-    return replace(state, rate=rate, existence=existence)
+    return replace(state, existence=existence)
