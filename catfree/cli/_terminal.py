@@ -149,7 +149,9 @@ def print_table(table: Any, *, aside: bool = False) -> None:
 
     drawn = Table()
     for at, name in enumerate(table.header):
-        drawn.add_column(name, justify="left" if at == 0 else "right", overflow="fold")
+        one_word = at > 0 and not any(" " in cell for cell in (name, *(r[at] for r in table.rows)))
+        justify = "left" if at == 0 else "right"
+        drawn.add_column(name, justify=justify, overflow="fold", no_wrap=one_word)
     for row in table.rows:
         drawn.add_row(*map(Text, row))  # as it stands: names may look like markup
     console = Console(stderr=aside)
