@@ -139,7 +139,8 @@ def write_colmap_text(
         K, lens = camera.K, camera.coefficients
         if not name or any(letter.isspace() for letter in name):
             raise InvalidInputError(
-                f"Cannot write {root}: camera name {quoted(name)} is empty or has a space."
+                f"Cannot write {root}: camera name {quoted(name)} is empty or has a space, "
+                "which COLMAP's text cannot hold. Pass other names."
             )
         if abs(K[0, 1]) > 1e-9 * K[0, 0]:
             raise InvalidInputError(
