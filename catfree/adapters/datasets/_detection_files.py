@@ -240,18 +240,22 @@ def _files_of(source: Path) -> list[Path]:
         return [source]
     if (source / RESULT_BOXES).is_file():
         return [source / RESULT_BOXES]
-    if any(source.glob("*.parquet")):
+    if files_ending(source, [".parquet"]):
         # Read as one table. Arrow leaves out names that begin like these.
-        others = (path for path in source.iterdir() if not path.name.startswith((".", "_")))
-        other = min((p for p in others if p.is_file() and p.suffix != ".parquet"), default=None)
+        files = (p for p in source.iterdir() if p.is_file() and not p.name.startswith((".", "_")))
+        other = min((p for p in files if p.suffix.lower() != ".parquet"), default=None)
         if other is not None:
             raise InvalidInputError(
                 f"The folder {source} holds Parquet tables and other files, such as {other.name}. "
                 "Name the file with the boxes, or a folder of the tables alone."
             )
         return [source]
-    for pattern in ("*/det/det.txt", "*.txt", "*.csv", "*.json", "*/*.txt"):
-        files = [path for path in source.glob(pattern) if not path.name.startswith(".")]
+    folders = [path for path in source.glob("[!.]*") if path.is_dir()]
+    for files in (
+        [path for folder in folders if (path := folder / "det" / "det.txt").is_file()],
+        *(files_ending(source, [suffix]) for suffix in (".txt", ".csv", ".json")),
+        [path for folder in folders for path in files_ending(folder, [".txt"])],
+    ):
         if files:
             return sorted(files, key=lambda path: natural_order(str(path)))
     raise InvalidInputError(
@@ -379,7 +383,7 @@ def _cameras(
 ) -> tuple[np.ndarray, tuple[str, ...] | None]:
     """Take cameras as numbers, or as names together with all names that there are."""
     cameras = np.asarray(column)
-    words = [str(word).strip() for word in cameras.tolist()]
+    words = ["" if word is None else str(word).strip() for word in cameras.tolist()]
     if "" in words:
         raise FileFormatError(f"{name}[{words.index('')}] is empty. Fill it.")
     names = set(words)

@@ -196,9 +196,34 @@ def test_tables_of_other_programs(boxes, tmp_path):
     np.testing.assert_array_equal(rows_of(found), rows_of(boxes))
 
 
+def test_files_of_a_folder_may_end_in_capitals_beside_what_systems_leave(boxes, tmp_path):
+    folder = write_mot(tmp_path / "mot", boxes)
+    for path in folder.iterdir():
+        path.rename(path.with_suffix(".TXT"))
+    nested = write_mot_folders(tmp_path / "nested", boxes)
+    for place in (folder, nested, nested / "C1" / "det", nested / ".checkpoints" / "det"):
+        place.mkdir(parents=True, exist_ok=True)
+        for name in (".DS_Store", "Thumbs.db", "._det.txt", "._C1.TXT"):
+            (place / name).write_bytes(b"\0\1")
+        (place / "__MACOSX").mkdir()
+    (nested / ".checkpoints" / "det" / "det.txt").write_text("1")
+    for source in (folder, nested):
+        found, names = cf.read_detections(source)
+        np.testing.assert_array_equal(rows_of(found), rows_of(boxes))
+        assert names == NAMES
+
+
+def test_a_camera_without_a_name_is_refused(boxes, tmp_path):
+    arrow, parquet = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
+    columns = columns_of(boxes) | {"camera": ["a", "b", None, "a", "b", "b"]}
+    parquet.write_table(arrow.table(columns), tmp_path / "boxes.parquet")
+    with pytest.raises(FileFormatError, match=r"boxes.parquet: camera\[2\] is empty"):
+        cf.read_detections(tmp_path / "boxes.parquet")
+
+
 def test_a_folder_of_tables_holds_nothing_else(boxes, tmp_path):
     pytest.importorskip("pyarrow")
-    write_detections_parquet(tmp_path / "boxes.parquet", boxes)
+    write_detections_parquet(tmp_path / "boxes.PARQUET", boxes)
     (tmp_path / "_SUCCESS").write_text("")
     assert len(cf.read_detections(tmp_path)[0]) == len(boxes)
     (tmp_path / "truth.csv").write_text("frame,id,x,y\n")
