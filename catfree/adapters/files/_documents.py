@@ -85,7 +85,7 @@ def read_text(path: StrPath, meaning: str) -> str:
     try:
         return source.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        advice = "Save it as UTF-8."
+        advice = "If it is text, save it as UTF-8."
         if zipfile.is_zipfile(source):
             advice = "If it holds arrays that `save` wrote, name it .npz."
         raise FileFormatError(

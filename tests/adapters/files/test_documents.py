@@ -33,5 +33,5 @@ def test_text_that_utf8_cannot_hold_is_shown(tmp_path):
 
 def test_text_of_another_encoding_is_told_so(tmp_path):
     (tmp_path / "a.csv").write_bytes("frame,camera\n1,Süd\n".encode("cp1252"))
-    with pytest.raises(FileFormatError, match=r"a\.csv .* is not readable text.*Save it as UTF-8"):
+    with pytest.raises(FileFormatError, match=r"a\.csv .* is not readable text.*save it as UTF-8"):
         read_text(tmp_path / "a.csv", "boxes")
