@@ -23,6 +23,7 @@ OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
     "pass image_size, or a scene": "give --image-size, or to catfree localize a --scene",
     "nothing. Pass frame_rate": "nothing. Give --frame-rate, or in a file of sites frame_rate",
+    "pass its unit to cf.read_scene": "give its --unit",
     "Pass a detector": "Give --detector, a detector",
     "cf.run_shard": "catfree shard",
     "again with cf.shards": "again with catfree plan",
