@@ -136,6 +136,7 @@ calls = {
     "one number per camera (2), got 3": lambda: open_(offsets=3),
     "frame_rate is '2'; it must be a positive number": lambda: open_(frame_rate="2"),
     "paths must list one video per camera": lambda: SynchronizedVideos(5),
+    "videos must list one video file or image folder per camera": lambda: cf.run(iter("ab")),
     "at least one video": lambda: SynchronizedVideos(None),
     "Camera 0 must be a path, got NoneType": lambda: SynchronizedVideos([None]),
     "no camera 9; the videos belong to cameras 0 to 1": lambda: next(footage.pictures_of(9)),
