@@ -15,7 +15,7 @@ import time
 
 import numpy as np
 
-from catfree._run._worker import QUICK_COMPILATION
+from catfree._worker import QUICK_COMPILATION
 
 MATRICES = 200_000  # the yardstick: 3 x 3 matrices that NumPy inverts
 COLD = """

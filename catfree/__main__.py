@@ -3,7 +3,7 @@
 import os
 import sys
 
-from catfree._run._worker import ONE_THREAD, compilation_environment
+from catfree._worker import ONE_THREAD, compilation_environment
 
 
 def main() -> int:

@@ -12,7 +12,6 @@ from catfree._run._result_folder import (
     write_results as write_results,
 )
 from catfree._run._run import RunOutcome as RunOutcome, run as run, run_stages as run_stages
-from catfree._run._worker import worker_environment as worker_environment
 from catfree._run.sharded._executors import run_shards as run_shards
 from catfree._run.sharded._join import join as join
 from catfree._run.sharded._receipt import Receipt as Receipt
@@ -27,6 +26,7 @@ from catfree._run.sharded._stored_tracks import (
     StoredTracks as StoredTracks,
     open_tracks as open_tracks,
 )
+from catfree._worker import worker_environment as worker_environment
 from catfree.adapters.datasets import (
     read_detections as read_detections,
     read_scene as read_scene,

@@ -235,7 +235,7 @@ def run_stages(
     if (anchors or maximum_offset) and (scene is not None or reconstructor is not None):
         raise InvalidInputError(_ONLY_FROM_PEOPLE)
     if not isinstance(videos, SynchronizedVideos):
-        if isinstance(videos, str | os.PathLike) or not videos:
+        if isinstance(videos, str) or not isinstance(videos, Sequence) or not videos:
             raise InvalidInputError(
                 f"videos must list one video file or image folder per camera, got {quoted(videos)}."
             )

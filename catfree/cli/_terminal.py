@@ -23,6 +23,7 @@ OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
     "pass image_size, or a scene": "give --image-size, or to catfree localize a --scene",
     "nothing. Pass frame_rate": "nothing. Give --frame-rate, or in a file of sites frame_rate",
+    "pass its unit to cf.read_scene": "give its --unit",
     "Pass a detector": "Give --detector, a detector",
     "cf.run_shard": "catfree shard",
     "again with cf.shards": "again with catfree plan",
@@ -149,7 +150,9 @@ def print_table(table: Any, *, aside: bool = False) -> None:
 
     drawn = Table()
     for at, name in enumerate(table.header):
-        drawn.add_column(name, justify="left" if at == 0 else "right", overflow="fold")
+        one_word = at > 0 and not any(" " in cell for cell in (name, *(r[at] for r in table.rows)))
+        justify = "left" if at == 0 else "right"
+        drawn.add_column(name, justify=justify, overflow="fold", no_wrap=one_word)
     for row in table.rows:
         drawn.add_row(*map(Text, row))  # as it stands: names may look like markup
     console = Console(stderr=aside)

@@ -41,7 +41,11 @@ def require_instance(value: Any, kind: type, name: str) -> None:
         held = sum(isinstance(item, kind) for item in value) if type(value) in (list, tuple) else 0
         also = f" that holds {held} of them: pass one" if held else ""
         part = kind.__name__.lower()
-        if isinstance(getattr(value, part, None), kind):
+        if isinstance(value, str | os.PathLike) and part in ("scene", "detections"):
+            also = f": read it with cf.read_{part}"
+        elif hasattr(value, "columns") and hasattr(kind, "from_table"):
+            also = f": make one with cf.{kind.__name__}.from_table"
+        elif isinstance(getattr(value, part, None), kind):
             also = f". Pass its .{part}"
             also += " and, as names, its .names" if hasattr(value, "names") else ""
         raise InvalidInputError(

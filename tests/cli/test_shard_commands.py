@@ -12,7 +12,7 @@ import pytest
 
 import catfree as cf
 from catfree import cli
-from catfree._run._worker import ONE_THREAD
+from catfree._worker import ONE_THREAD
 from catfree.adapters import write_anipose_toml, write_detections_parquet, write_scene_json
 from catfree.cli._shard_commands import _scene_for
 from catfree.errors import InvalidInputError

@@ -129,6 +129,19 @@ def test_names_of_cameras_fold_where_the_terminal_is_narrow(capsys, monkeypatch)
     assert "".join(row[1].strip() for row in rows) == name
 
 
+@pytest.mark.parametrize("columns", [80, 60])
+def test_verdicts_do_not_fold(capsys, monkeypatch, columns):
+    pytest.importorskip("rich")
+    monkeypatch.setenv("COLUMNS", str(columns))
+    header = ("camera", "verdict", "since frame", "turned (degrees)", "pixels", "ground (m)")
+    row = ("C1", "doubtful", "12345 +- 3", "10.00 +- 0.12", "123", "0.01", "-0.10 +- 0.12", "75")
+    print_table(Table((*header, "late (frames)", "people matched (%)"), (row,)))
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= columns
+    for word in ("verdict", "doubtful", "pixels"):
+        assert word in shown
+
+
 def test_tables_in_a_file_are_not_folded(capsys, monkeypatch):
     pytest.importorskip("rich")
     monkeypatch.delenv("COLUMNS", raising=False)

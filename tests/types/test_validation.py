@@ -4,6 +4,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import jax.numpy as jnp
@@ -135,6 +136,7 @@ calls = {
     "one number per camera (2), got 3": lambda: open_(offsets=3),
     "frame_rate is '2'; it must be a positive number": lambda: open_(frame_rate="2"),
     "paths must list one video per camera": lambda: SynchronizedVideos(5),
+    "videos must list one video file or image folder per camera": lambda: cf.run(iter("ab")),
     "at least one video": lambda: SynchronizedVideos(None),
     "Camera 0 must be a path, got NoneType": lambda: SynchronizedVideos([None]),
     "no camera 9; the videos belong to cameras 0 to 1": lambda: next(footage.pictures_of(9)),
@@ -162,7 +164,7 @@ calls = {
     "got Localization. Pass its tracks.to_rows().": lambda: hota([], empty_localization(4)),
     "Expected numbers, got Scene.": lambda: hota([], scene),
     "camera_names has 1 names, but there are 4": lambda: cf.localize(none, scene, camera_names="a"),
-    "scene must be a Scene, got str": lambda: cf.check("scene.json", none),
+    "scene must be a Scene, got str: read it with cf.read_scene": lambda: cf.check("a.json", none),
     "scene must be a Scene, got Detections": lambda: cf.rank_cameras(none),
     "longitude of a georeference is 'a'; it must be a finite": lambda: cf.GeoReference("a", "b"),
     "origin of a georeference must have shape (2), got": lambda: cf.GeoReference(1, 2, origin=3),
@@ -367,6 +369,10 @@ def test_instances_are_named_by_argument_and_type():
     require_instance(Detections([], [], []), Detections, "detections")
     with pytest.raises(InvalidInputError, match="detections must be a Detections, got list"):
         require_instance([], Detections, "detections")
+    with pytest.raises(InvalidInputError, match=r"Path: read it with cf\.read_detections"):
+        require_instance(Path("boxes"), Detections, "detections")
+    with pytest.raises(InvalidInputError, match=r"make one with cf\.Detections\.from_table"):
+        require_instance(SimpleNamespace(columns=["frame"]), Detections, "detections")
 
 
 @pytest.mark.parametrize(("value", "kind"), [(None, "NoneType"), (3, "int"), (["a"], "list")])

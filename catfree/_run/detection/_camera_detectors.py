@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
 from catfree._run._cache import StageCache, code_hash
-from catfree._run._worker import from_parent, inherited, start_worker, worker_environment
+from catfree._worker import from_parent, inherited, start_worker, worker_environment
 from catfree.adapters.background._background_detector import (
     BackgroundDetector,
     FittedBackgroundDetector,

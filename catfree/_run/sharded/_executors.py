@@ -13,16 +13,16 @@ from concurrent.futures import (
 )
 from typing import Any
 
-from catfree._run._worker import (
-    inherited,
-    start_worker,
-    worker_environment,
-)
 from catfree._run.sharded._join import join_shards
 from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._run_shard import run_shard
 from catfree._run.sharded._shard import Shard, recording_name
 from catfree._run.sharded._stored_tracks import StoredTracks
+from catfree._worker import (
+    inherited,
+    start_worker,
+    worker_environment,
+)
 from catfree.adapters.files._documents import StrPath
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError, quoted

@@ -74,12 +74,16 @@ class CameraBoxes:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """The boxes of one file; it is of one camera if it has neither names nor numbers of cameras."""
+    """The boxes of one file; it is of one camera if it has neither names nor numbers of cameras.
+
+    Their numbers are `foreign` in the table of another program, which may count from 1.
+    """
 
     detections: Detections
     names: tuple[str, ...] | None = None
     size: np.ndarray | None = None
     one_camera: bool = False
+    foreign: bool = False
 
 
 def read_detections(
@@ -99,7 +103,8 @@ def read_detections(
         paths: a file or folder, or the cameras' files in their order.
         camera_names: (C,) names of the cameras in the order of the scene, to which those of the
             files are matched; None for the order of the files. Numbers of cameras in a table are
-            names if all of them are among these, else positions among them, from 0.
+            names if all of them are among these, else positions among them, from 0. Where there is
+            no camera 0, numbers are also names if there are no, or not enough, `camera_names`.
         frame_rate: frames per second, for the clock, whose start and kind stay those of the files;
             None to keep the clock of the files, if any. That of uniform JSON has its `fps`, which
             counts the instants, whatever their numbers.
@@ -120,8 +125,8 @@ def read_detections(
         if not is_numbered(boxes.camera_names) or len(boxes.camera_names) > len(camera_names):
             raise InvalidInputError(
                 f"The boxes are of the cameras {shortened(', '.join(boxes.camera_names))}, which "
-                f"are not all among {shortened(', '.join(camera_names))}. Rename the files like "
-                "the cameras."
+                f"are not all among {shortened(', '.join(camera_names))}. Name both "
+                "alike."
             )
         camera_index = list(range(len(boxes.camera_names)))
     camera = np.array(camera_index, np.int64)[boxes.detections.camera]
@@ -235,18 +240,22 @@ def _files_of(source: Path) -> list[Path]:
         return [source]
     if (source / RESULT_BOXES).is_file():
         return [source / RESULT_BOXES]
-    if any(source.glob("*.parquet")):
+    if files_ending(source, [".parquet"]):
         # Read as one table. Arrow leaves out names that begin like these.
-        others = (path for path in source.iterdir() if not path.name.startswith((".", "_")))
-        other = min((p for p in others if p.is_file() and p.suffix != ".parquet"), default=None)
+        files = (p for p in source.iterdir() if p.is_file() and not p.name.startswith((".", "_")))
+        other = min((p for p in files if p.suffix.lower() != ".parquet"), default=None)
         if other is not None:
             raise InvalidInputError(
                 f"The folder {source} holds Parquet tables and other files, such as {other.name}. "
                 "Name the file with the boxes, or a folder of the tables alone."
             )
         return [source]
-    for pattern in ("*/det/det.txt", "*.txt", "*.csv", "*.json", "*/*.txt"):
-        files = [path for path in source.glob(pattern) if not path.name.startswith(".")]
+    folders = [path for path in source.glob("[!.]*") if path.is_dir()]
+    for files in (
+        [path for folder in folders if (path := folder / "det" / "det.txt").is_file()],
+        *(files_ending(source, [suffix]) for suffix in (".txt", ".csv", ".json")),
+        [path for folder in folders for path in files_ending(folder, [".txt"])],
+    ):
         if files:
             return sorted(files, key=lambda path: natural_order(str(path)))
     raise InvalidInputError(
@@ -317,12 +326,12 @@ def _part_of_parquet(path: Path, known: tuple[str, ...]) -> _Part:
         table = read_parquet(path, "boxes")
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]
     # The numbers in a table of catfree are positions, as those of `Detections`.
-    names = () if is_of_catfree(table) else known
-    part = _part_of_table(values_of(table, plain, path), path, names)
+    foreign = not is_of_catfree(table)
+    part = _part_of_table(values_of(table, plain, path), path, known if foreign else ())
     options = optional_columns(table, path)
     with naming_file(path):
         detections = replace(part.detections, **options)
-    return replace(part, detections=detections)
+    return replace(part, detections=detections, foreign=foreign)
 
 
 def _is_number(word: Any) -> bool:
@@ -366,7 +375,7 @@ def _part_of_table(
             score=score,
             camera_names=names,
         )
-    return _Part(detections, names, one_camera=camera is None)
+    return _Part(detections, names, one_camera=camera is None, foreign=True)
 
 
 def _cameras(
@@ -374,7 +383,7 @@ def _cameras(
 ) -> tuple[np.ndarray, tuple[str, ...] | None]:
     """Take cameras as numbers, or as names together with all names that there are."""
     cameras = np.asarray(column)
-    words = [str(word).strip() for word in cameras.tolist()]
+    words = ["" if word is None else str(word).strip() for word in cameras.tolist()]
     if "" in words:
         raise FileFormatError(f"{name}[{words.index('')}] is empty. Fill it.")
     names = set(words)
@@ -446,7 +455,13 @@ def _joined(parts: list[_Part], files: list[Path], known: tuple[str, ...]) -> Ca
     names = first.names
     if names is None:
         count = int(detections.camera.max(initial=-1)) + 1
-        names = known if count <= len(known) else numbered_names(count)
+        if count <= len(known):
+            names = known
+        elif first.foreign and detections.camera.min() > 0:  # counted from 1: numbers are names
+            numbers, place = np.unique(detections.camera, return_inverse=True)
+            names, detections = tuple(map(str, numbers)), replace(detections, camera=place)
+        else:
+            names = numbered_names(count)
     return CameraBoxes(detections, names, first.size)
 
 

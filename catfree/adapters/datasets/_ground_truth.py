@@ -147,7 +147,8 @@ def _read_csv(path: Path) -> np.ndarray:
             twice.
     """
     table = read_csv(path, "ground truth")
-    header = table.header
+    header = [name.lower() for name in table.header]
+    table = table._replace(header=header)
     # Tracks of one run can serve as the truth of another.
     identity = "track_id" if "track_id" in header else "id"
     names = [identity if name == "id" else name for name in COLUMNS]

@@ -149,9 +149,12 @@ def _inside(source: Path) -> Path:
     for subfolder in ("sparse/0", "sparse", "0"):
         if _is_model(source / subfolder):
             return source / subfolder
-    for name in ("scene.json", "rig.json", "calibration.toml", "Calibration.toml"):
+    for name in ("scene.json", "rig.json"):
         if (source / name).is_file():
             return source / name
+    anipose = [path for path in files_ending(source, [".toml"]) if "calib" in path.stem.lower()]
+    if len(anipose) == 1:
+        return anipose[0]
     sensors = source / "calibration.json"
     if sensors.is_file() and _holds(sensors, "sensors"):
         return sensors

@@ -85,11 +85,11 @@ def read_text(path: StrPath, meaning: str) -> str:
     try:
         return source.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        advice = ""
+        advice = "If it is text, save it as UTF-8."
         if zipfile.is_zipfile(source):
-            advice = " If it holds arrays that `save` wrote, name it .npz."
+            advice = "If it holds arrays that `save` wrote, name it .npz."
         raise FileFormatError(
-            f"{source} ({meaning}) is not readable text: {quoted(error)}.{advice}"
+            f"{source} ({meaning}) is not readable text: {quoted(error)}. {advice}"
         ) from error
 
 

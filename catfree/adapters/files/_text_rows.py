@@ -61,7 +61,7 @@ class CsvTable(NamedTuple):
 
 
 def read_csv(path: StrPath, meaning: str) -> CsvTable:
-    """Read a CSV file.
+    """Read a CSV file, whose columns may also be separated by semicolons or tabs.
 
     Args:
         path: the file.
@@ -71,7 +71,9 @@ def read_csv(path: StrPath, meaning: str) -> CsvTable:
         InvalidInputError: if there is no such file.
         FileFormatError: naming the first line that is not CSV.
     """
-    reader = csv.reader(io.StringIO(read_text(path, meaning)))
+    text = read_text(path, meaning)
+    header = text.lstrip().partition("\n")[0]
+    reader = csv.reader(io.StringIO(text), delimiter=max(",;\t", key=header.count))
     rows, lines = [], []
     try:
         for row in reader:
@@ -135,7 +137,8 @@ def read_rows(
         if not fits or (rows and len(words) != len(rows[0])):
             wanted = str(len(rows[0])) if rows else " or ".join(map(str, columns))
             raise FileFormatError(
-                f"{path} ({meaning}): line {line} has {len(words)} columns instead of {wanted}."
+                f"{path} ({meaning}): line {line} has {len(words)} columns instead of {wanted}. "
+                "Separate columns by commas or spaces."
             )
         rows.append(parse_numbers(words, f"{path}: line {line}"))
         lines.append(line)

@@ -32,6 +32,7 @@ from catfree.types import (
 from catfree.types._annotations import Progress
 
 GROUND_TOLERANCE = 0.15  # of a person's height, by which feet may be off the ground unmentioned
+USUAL_HEIGHTS = (1.0, 2.5)  # meters; medians beyond show another unit
 
 
 class Clusters(eqx.Module):
@@ -192,18 +193,25 @@ def describe(
 
 
 def ground_warnings(height: float, person_height: float, scene: Scene) -> tuple[str, ...]:
-    """One sentence if feet are found far above or below the ground plane.
+    """One sentence each if a metric scene has another unit, and if feet are far off the ground.
 
     Args:
         height: `Reliability.ground_height`, NaN if it is not known.
         person_height: in the same unit.
         scene: for the name of the unit.
     """
+    warnings = ()
+    if scene.metric and not USUAL_HEIGHTS[0] <= person_height <= USUAL_HEIGHTS[1]:
+        warnings = (
+            f"People are {person_height:.2g} m tall in this scene, so its lengths are not in "
+            "meters: pass its unit to cf.read_scene, which may be arbitrary, or scale it.",
+        )
     if not abs(height) > GROUND_TOLERANCE * person_height:
-        return ()
+        return warnings
     unit = "m" if scene.metric else "units of the scene"
     side = "above" if height > 0 else "below"
     return (
+        *warnings,
         f"The rays through people's feet meet {abs(height):.2g} {unit} {side} the ground plane: "
         f"the plane is too {'low' if height > 0 else 'high'} or the cameras are off. Pass the "
         "ground on which people stand, or refine the scene with `cf.refine`.",

@@ -19,7 +19,7 @@ from catfree.methods.online._instant_assembler import (
 from catfree.methods.online._tracker import Tracker
 from catfree.methods.online._update import Update
 from catfree.types import Detections, Tracks
-from catfree.types._validation import require_names
+from catfree.types._validation import as_float, require_names
 
 Record = dict[str, Any]
 
@@ -210,15 +210,15 @@ def parse_frame(line: str, camera_names: Sequence[str]) -> tuple[int, float, Det
     camera = _camera(record["camera"], camera_names)
     time = _seconds(record["time"])
     try:
-        boxes = np.array(record["boxes"], np.float64)
+        boxes = as_float(record["boxes"])
         if boxes.size and (boxes.ndim != 2 or boxes.shape[1] != 4):
-            raise ValueError("not four numbers per box")
+            raise InvalidInputError("not four numbers per box")
         columns = {
-            column: np.array(record[key], np.float64)
+            column: as_float(record[key])
             for key, column in (("scores", "score"), ("embeddings", "embedding"))
             if record.get(key) is not None
         }
-    except (OverflowError, TypeError, ValueError) as error:
+    except InvalidInputError as error:
         raise InvalidInputError(
             "boxes must be a list of x1, y1, x2, y2 each, scores a list of numbers, and embeddings "
             "a list of lists of equal length."

@@ -7,7 +7,6 @@ shadows of bodies only on the ground.
 
 import multiprocessing
 import os
-import signal
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -17,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from catfree._worker import from_parent, start_worker, worker_environment
 from catfree.errors import CatFreeError, InvalidInputError
 from catfree.synthetic._layouts import ring
 from catfree.synthetic._walkers import Walkers
@@ -143,7 +143,7 @@ def _render_in_processes(
 
     try:
         with ProcessPoolExecutor(
-            workers, mp_context=context, initializer=_start_worker, initargs=(reports, tasks[0][3])
+            workers, context, start_worker, initargs=(worker_environment(), reports)
         ) as pool:
             pending: set[Future[None]] = {pool.submit(_work, *task) for task in tasks}
             try:
@@ -163,20 +163,15 @@ def _render_in_processes(
     drain()
 
 
-# Set only in worker processes: the queue of progress reports, and the common ground picture.
-_worker: dict[str, Any] = {}
-
-
-def _start_worker(reports: Any, stage: Stage) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # end without a traceback
-    cv2.setNumThreads(1)
-    _worker["reports"] = reports
-    _worker["ground"] = ground_picture(stage)
+_kept: dict[str, Any] = {}  # in worker processes: the common ground picture
 
 
 def _work(walkers: Walkers, rig: Rig, camera: int, stage: Stage, path: Path) -> None:
-    for count in _render_camera(walkers, rig, camera, stage, path, _worker["ground"]):
-        _worker["reports"].put(count)
+    """Render a camera in a worker process."""
+    if not _kept:
+        _kept["ground"] = ground_picture(stage)
+    for count in _render_camera(walkers, rig, camera, stage, path, _kept["ground"]):
+        from_parent["reports"].put(count)
 
 
 def _render_camera(

@@ -102,8 +102,10 @@ def test_every_format_gives_the_same_boxes(boxes, tmp_path):
         "uniform JSON": write_uniform(tmp_path / "uniform.json", boxes),
         "CSV": write_csv(tmp_path / "boxes.csv", columns_of(boxes)),
         "CSV with names": write_csv(tmp_path / "named.csv", columns_of(boxes, NAMES)),
+        "CSV with semicolons": tmp_path / "semicolons.csv",
         "Parquet": write_detections_parquet(tmp_path / "boxes.parquet", boxes),
     }
+    sources["CSV with semicolons"].write_text(sources["CSV"].read_text().replace(",", ";"))
     boxes.save(tmp_path / "boxes.npz")
     sources["npz"] = tmp_path / "boxes.npz"
     results = []
@@ -194,9 +196,34 @@ def test_tables_of_other_programs(boxes, tmp_path):
     np.testing.assert_array_equal(rows_of(found), rows_of(boxes))
 
 
+def test_files_of_a_folder_may_end_in_capitals_beside_what_systems_leave(boxes, tmp_path):
+    folder = write_mot(tmp_path / "mot", boxes)
+    for path in folder.iterdir():
+        path.rename(path.with_suffix(".TXT"))
+    nested = write_mot_folders(tmp_path / "nested", boxes)
+    for place in (folder, nested, nested / "C1" / "det", nested / ".checkpoints" / "det"):
+        place.mkdir(parents=True, exist_ok=True)
+        for name in (".DS_Store", "Thumbs.db", "._det.txt", "._C1.TXT"):
+            (place / name).write_bytes(b"\0\1")
+        (place / "__MACOSX").mkdir()
+    (nested / ".checkpoints" / "det" / "det.txt").write_text("1")
+    for source in (folder, nested):
+        found, names = cf.read_detections(source)
+        np.testing.assert_array_equal(rows_of(found), rows_of(boxes))
+        assert names == NAMES
+
+
+def test_a_camera_without_a_name_is_refused(boxes, tmp_path):
+    arrow, parquet = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
+    columns = columns_of(boxes) | {"camera": ["a", "b", None, "a", "b", "b"]}
+    parquet.write_table(arrow.table(columns), tmp_path / "boxes.parquet")
+    with pytest.raises(FileFormatError, match=r"boxes.parquet: camera\[2\] is empty"):
+        cf.read_detections(tmp_path / "boxes.parquet")
+
+
 def test_a_folder_of_tables_holds_nothing_else(boxes, tmp_path):
     pytest.importorskip("pyarrow")
-    write_detections_parquet(tmp_path / "boxes.parquet", boxes)
+    write_detections_parquet(tmp_path / "boxes.PARQUET", boxes)
     (tmp_path / "_SUCCESS").write_text("")
     assert len(cf.read_detections(tmp_path)[0]) == len(boxes)
     (tmp_path / "truth.csv").write_text("frame,id,x,y\n")
@@ -269,6 +296,20 @@ def test_numbers_that_are_not_all_names_are_positions(boxes, tmp_path):
     assert read_missing(missing, "2345")[:, 1].tolist() == [1, 2, 3]
     mixed = write_csv(tmp_path / "mixed.csv", {"frame": [3, 4, 5], "camera": ["a", 1, 2]})
     assert read_missing(mixed, ["a", "b", "1"])[:, 1].tolist() == [0, 2, 2]
+
+
+def test_numbers_without_0_name_cameras_that_have_no_other_names(boxes, tmp_path):
+    arrow, parquet = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
+    columns = columns_of(boxes, ["2", "7", "31"])
+    path = write_csv(tmp_path / "boxes.csv", columns)
+    parquet.write_table(arrow.table(columns), tmp_path / "boxes.parquet")
+    for source in (path, tmp_path / "boxes.parquet"):
+        found = read_camera_boxes(source, ("north", "east", "south"))
+        assert found.camera_names == ("2", "7", "31")
+        np.testing.assert_array_equal(rows_of(found.detections), rows_of(boxes))
+    later = boxes[boxes.camera > 0]
+    write_detections_parquet(tmp_path / "boxes.parquet", later)  # these are positions
+    assert read_camera_boxes(tmp_path / "boxes.parquet").camera_names == ("C1", "C2", "C3")
 
 
 def test_a_number_of_a_camera_beyond_all_rigs_is_refused(boxes, tmp_path):
@@ -440,6 +481,7 @@ def test_no_boxes_at_all_are_no_error(tmp_path):
         ("a.json", '{"cameras": []}', "has no 'units'"),
         ("a.mp4", "", "not a file of boxes that is known"),
         ("a.txt", "1,2,3", "has 3 columns instead of 6"),
+        ("a.txt", "1;1;2;3;9;9;1", "has 1 columns instead of 6. Separate columns by commas"),
         ("a.txt", "1,1,2,3,9,9,1\n\n1,1,2,3,9,0,1\n", "box in line 3 is .* y1 < y2"),
         ("a.txt", "1,1,2,3,9,9,1\n\n1,1,2,3,9,9,7\n", r"score in line 3 is 7\.0"),
         ("a.csv", "frame,camera,x1,y1,x2,y2,score\n\n1,0,3,4,5,6,7\n", r"score in line 3 is 7\.0"),

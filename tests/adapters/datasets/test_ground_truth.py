@@ -93,10 +93,12 @@ def test_uniform_json_brings_its_area(name, tmp_path):
         read_ground_truth(path)
 
 
-@pytest.mark.parametrize("identity", ["id", "track_id"])
-def test_truth_and_tracks_are_read_alike(identity, tmp_path):
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("identity", ["id", "track_id", "ID"])
+def test_truth_and_tracks_are_read_alike(identity, separator, tmp_path):
     truth = tmp_path / "truth.csv"
-    truth.write_text(f"x,frame,y,{identity}\n \n1.5,0,2.5,7\n3,1,4,8\n")
+    text = f"X,Frame,Y,{identity}\n \n1.5,0,2.5,7\n3,1,4,8\n"
+    truth.write_text(text.replace(",", separator))
     np.testing.assert_array_equal(read_ground_truth(truth).rows, [[0, 7, 1.5, 2.5], [1, 8, 3, 4]])
 
 

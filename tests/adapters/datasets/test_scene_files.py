@@ -43,6 +43,9 @@ def written(folder, rig):
     write_colmap_text(colmap, rig, NAMES)
     write_colmap_text(folder / "reconstruction" / "sparse" / "0", rig, NAMES)
     (folder / "run").mkdir()
+    (folder / "pose2sim").mkdir()
+    write_anipose_toml(folder / "pose2sim" / "Calib_scene.toml", rig, NAMES)
+    (folder / "pose2sim" / "Config.toml").write_text("[project]")
     write_scene_json(folder / "run" / "scene.json", scene, NAMES)
     return [
         folder / "scene.npz",
@@ -57,6 +60,7 @@ def written(folder, rig):
         colmap / "cameras.txt",
         folder / "reconstruction",
         folder / "run",
+        folder / "pose2sim",
     ]
 
 

@@ -4,8 +4,12 @@ import os
 
 import pytest
 
-from catfree.adapters.files._documents import write_bytes_atomically, write_text_atomically
-from catfree.errors import InvalidInputError
+from catfree.adapters.files._documents import (
+    read_text,
+    write_bytes_atomically,
+    write_text_atomically,
+)
+from catfree.errors import FileFormatError, InvalidInputError
 
 
 def test_files_have_the_permissions_of_any_new_file(tmp_path):
@@ -25,3 +29,9 @@ def test_text_that_utf8_cannot_hold_is_shown(tmp_path):
     with pytest.raises(InvalidInputError, match=r"camera \\udcf6st' is not valid UTF-8"):
         write_text_atomically(tmp_path / "a.txt", "camera \udcf6st")
     assert os.listdir(tmp_path) == []
+
+
+def test_text_of_another_encoding_is_told_so(tmp_path):
+    (tmp_path / "a.csv").write_bytes("frame,camera\n1,Süd\n".encode("cp1252"))
+    with pytest.raises(FileFormatError, match=r"a\.csv .* is not readable text.*save it as UTF-8"):
+        read_text(tmp_path / "a.csv", "boxes")

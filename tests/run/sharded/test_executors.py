@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 import catfree as cf
-from catfree._run._worker import (
+from catfree._run.sharded import _executors as module
+from catfree._worker import (
     LAST_WITH_OPTION,
     QUICK_COMPILATION,
     jaxlib_version,
     start_worker,
     worker_environment,
 )
-from catfree._run.sharded import _executors as module
 from catfree.errors import ForkedProcessError, InvalidInputError, ShardError
 from catfree.synthetic import make_layout, make_world
 from catfree.types import Detections

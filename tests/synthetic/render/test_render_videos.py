@@ -1,14 +1,11 @@
-import multiprocessing
-import signal
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+import os
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from catfree.errors import InvalidInputError
+from catfree.errors import CatFreeError, InvalidInputError
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import shop
 from catfree.synthetic._silhouettes import STRIDE_SHARE, cast_silhouettes, project_points
@@ -17,7 +14,6 @@ from catfree.synthetic.render._backdrop import render_background
 from catfree.synthetic.render._bodies import SHIRT, body_vertices, build_mesh
 from catfree.synthetic.render._clothes import dress
 from catfree.synthetic.render._painter import Painter
-from catfree.synthetic.render._render_videos import _start_worker
 from catfree.synthetic.render._stage import build_stage
 from catfree.synthetic.render._textures import ground_picture
 
@@ -237,15 +233,25 @@ def test_an_interruption_leaves_out_the_cameras_that_have_not_begun(tmp_path):
     assert len(list(tmp_path.glob("*.mp4"))) < 8
 
 
+# Python's start runs this: Ctrl-C comes while OpenCV is imported.
+AT_IMPORT = """
+import signal, sys
+
+class Interruption:
+    def find_spec(self, name, path, target=None):
+        if name == "cv2":
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Interruption())
+"""
+
+
 @pytest.mark.slow
-def test_an_interruption_ends_a_worker_at_once_and_without_a_word(capfd):
-    world = make_world("ring3", frames=2, people=1)
-    stage = build_stage(world.area, world.columns, world.true_centres, seed=0)
-    context = multiprocessing.get_context("spawn")
-    given = context.SimpleQueue(), stage
-    with (
-        ProcessPoolExecutor(1, context, _start_worker, given) as pool,
-        pytest.raises(BrokenProcessPool),
-    ):
-        pool.submit(signal.raise_signal, signal.SIGINT).result()
+def test_an_interruption_ends_a_worker_that_is_importing_without_a_word(
+    tmp_path, monkeypatch, capfd
+):
+    (tmp_path / "sitecustomize.py").write_text(AT_IMPORT)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    with pytest.raises(CatFreeError, match="ended early"):
+        render_videos(make_world("ring3", frames=2, people=1), tmp_path / "videos", workers=2)
     assert capfd.readouterr().err == ""

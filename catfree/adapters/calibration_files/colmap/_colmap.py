@@ -29,6 +29,7 @@ from catfree.adapters.calibration_files.colmap._colmap_models import (
     intrinsics,
     supported_model,
 )
+from catfree.adapters.files._camera_names import natural_order
 from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
@@ -45,7 +46,7 @@ from catfree.types._writing import make_folder
 
 
 def read_colmap(folder: StrPath) -> NamedRig:
-    """Read a COLMAP model: every image becomes one camera of the rig, sorted by name.
+    """Read a COLMAP model: every image becomes one camera of the rig, in natural order.
 
     The folder holds `cameras`, `images` and optionally `points3D`, all `.bin` or all `.txt`; binary
     files are preferred. Supported models are SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL,
@@ -75,7 +76,8 @@ def read_colmap(folder: StrPath) -> NamedRig:
             return (text if is_text else binary)(content)
 
     numbered = parsed("cameras", _text_cameras, binary_cameras)
-    images = sorted(parsed("images", _text_images, binary_images), key=lambda image: image[0])
+    images = parsed("images", _text_images, binary_images)
+    images = sorted(images, key=lambda image: natural_order(image[0]))
     has_points = (root / f"points3D.{kind}").is_file()
     points = parsed("points3D", _text_points, binary_points) if has_points else None
     with naming_file(root):
@@ -139,7 +141,8 @@ def write_colmap_text(
         K, lens = camera.K, camera.coefficients
         if not name or any(letter.isspace() for letter in name):
             raise InvalidInputError(
-                f"Cannot write {root}: camera name {quoted(name)} is empty or has a space."
+                f"Cannot write {root}: camera name {quoted(name)} is empty or has a space, "
+                "which COLMAP's text cannot hold. Pass other names."
             )
         if abs(K[0, 1]) > 1e-9 * K[0, 0]:
             raise InvalidInputError(

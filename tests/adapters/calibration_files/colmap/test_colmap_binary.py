@@ -65,6 +65,14 @@ def test_every_supported_model(tmp_path):
     np.testing.assert_array_equal(named.points, [[1, 2, 3], [2, 2, 3]])
 
 
+def test_images_come_in_natural_order(tmp_path):
+    write_binary(tmp_path, [1] * 3)
+    rig = read_colmap(tmp_path).rig
+    named = read_colmap(write_colmap_text(tmp_path / "text", rig, ["c10.png", "c2.png", "c1.png"]))
+    assert named.names == ("c1.png", "c2.png", "c10.png")
+    np.testing.assert_array_equal(named.rig.t, np.asarray(rig.t)[::-1])
+
+
 def test_text_and_binary_agree(tmp_path):
     binary, text = tmp_path / "binary", tmp_path / "text"
     binary.mkdir()

@@ -153,3 +153,12 @@ def test_the_default_method_runs_the_four_functions_of_rays(world, monkeypatch):
 def test_an_unknown_height_is_not_a_warning():
     world = make_world("ring4", 0, frames=1, people=1)
     assert conversion.ground_warnings(float("nan"), 1.7, world.scene) == ()
+
+
+@pytest.mark.parametrize("scale", [0.01, 0.3048, 1.0, 3.2808])
+def test_a_unit_that_is_not_the_meter_is_told(world, scale):
+    moved = transform_scene(Similarity(scale, np.eye(3), np.zeros(3)), world.true_scene)
+    for metric in (True, False):
+        found = cf.localize(world.detections, dataclasses.replace(moved, metric=metric))
+        told = [warning for warning in found.warnings if "m tall in this scene" in warning]
+        assert len(told) == (metric and scale != 1)

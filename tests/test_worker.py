@@ -1,11 +1,14 @@
-"""Variables that are lent to processes come back, in any order of borrowers."""
+"""Workers start at once; variables that are lent to them come back, in any order of borrowers."""
 
 import os
+import pickle
+import subprocess
+import sys
 from unittest import mock
 
 from hypothesis import given, strategies as st
 
-from catfree._run._worker import inherited
+from catfree._worker import inherited, start_worker
 
 NAMES = st.sampled_from(["CATFREE_TEST_ONE", "CATFREE_TEST_TWO"])
 VALUES = st.dictionaries(NAMES, st.text("ab", min_size=1, max_size=3))
@@ -24,3 +27,12 @@ def test_the_environment_is_as_before_when_the_last_borrower_left(own, lent, ran
         for one in borrowers:
             one.__exit__(None, None, None)
         assert dict(os.environ) == before
+
+
+def test_a_worker_has_its_environment_before_it_imports_a_library():
+    code = (
+        "import pickle, sys; pickle.loads(sys.stdin.buffer.read())\n"
+        "print(sorted({'numpy', 'jax', 'cv2'} & set(sys.modules)))"
+    )
+    command, start = [sys.executable, "-c", code], pickle.dumps(start_worker)
+    assert subprocess.run(command, input=start, stdout=-1, check=True).stdout.strip() == b"[]"
