@@ -107,8 +107,7 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
             f"{len(WILDTRACK.camera_names)} and MultiviewX {len(MULTIVIEWX.camera_names)}."
         )
     if data is MULTIVIEWX:
-        images = image_numbers(folder.parent / "Image_subsets", data.camera_names)
-        files = numbered_like_images(files, images)
+        files = numbered_like_images(files, image_numbers(folder.parent, data))
     people = read_annotations(files, data, invalid_boxes="drop", drop_unseen=True)
     frames = people.frames
     is_test = frames >= data.test_from
