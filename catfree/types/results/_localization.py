@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError
 from catfree.types._detections import Detections
-from catfree.types._validation import as_count, first_index, require_finite
+from catfree.types._validation import as_count, refuse, require_finite
 from catfree.types.results._tracks import Tracks, require, require_sound_tracks
 
 
@@ -203,12 +203,11 @@ class Localization(eqx.Module):
         self.thresholds, self.reliability = thresholds, reliability
         self.detection_count = as_count(detection_count, "detection_count")
         self.warnings = tuple(warnings)
-        beyond = tracks.support >= self.detection_count
-        if beyond.any():
-            raise InvalidInputError(
-                f"tracks.support[{first_index(beyond)}] is {tracks.support[beyond][0]}, but there "
-                f"are {self.detection_count} detections. Pass their number as detection_count."
-            )
+        fault = (
+            f", but there are {self.detection_count} detections. Pass their number as "
+            "detection_count."
+        )
+        refuse(tracks.support >= self.detection_count, tracks.support, "tracks.support", fault)
 
     @property
     def identity(self) -> Int[np.ndarray, " n"]:
