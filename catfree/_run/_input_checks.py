@@ -385,12 +385,8 @@ def without_offsets(
 
 def _started(offset: int, videos: Recording) -> str:
     """Describe when a camera began to record; its frame numbers are too high by `offset`."""
-    if isinstance(videos, CameraBoxes):
-        clock = videos.detections.clock
-        rate = None if clock is None else clock.frame_rate
-    else:
-        rate = videos.tick_rate
-    seconds = "" if rate is None else f" ({abs(offset) / rate:.1f} s)"
+    clock = videos.detections.clock if isinstance(videos, CameraBoxes) else videos.clock
+    seconds = "" if clock is None else f" ({abs(offset) / clock.frame_rate:.1f} s)"
     when = "after" if offset < 0 else "before"
     frames = "1 frame" if abs(offset) == 1 else f"{abs(offset)} frames"
     return f"started about {frames}{seconds} {when} the others"
