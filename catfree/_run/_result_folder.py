@@ -344,7 +344,7 @@ def draw_views(
     videos: SynchronizedVideos,
     outcome: RunOutcome,
     *,
-    blur: bool = False,
+    blur: bool,
 ) -> list[Path]:
     """Draw tracks, and a grid of the ground, on all cameras' images amid the footage.
 

@@ -145,8 +145,8 @@ def detect_again(
     scene: Scene,
     settings: Settings,
     *,
-    cache: StageCache | None = None,
-    progress: Progress | None = None,
+    cache: StageCache | None,
+    progress: Progress | None,
 ) -> Detections:
     """Third stage: detect again where the tracks of the first pass predict people.
 
