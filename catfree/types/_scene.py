@@ -219,6 +219,11 @@ class Scene(eqx.Module):
             return require_plausible_heights(scene)
 
 
+def metric_scene(rig: Rig) -> Scene:
+    """Make the scene of a rig in meters, z up, above the ground z = 0."""
+    return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
+
+
 def require_scene(scene: Any) -> None:
     """Raise unless this is a scene.
 

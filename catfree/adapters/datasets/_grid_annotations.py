@@ -10,11 +10,7 @@ from jaxtyping import Float, Int
 
 from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of, rotation_from_vector
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
-from catfree.adapters.datasets._sequence import (
-    MultiViewSequence,
-    metric_scene,
-    require_people_in_front,
-)
+from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
 from catfree.adapters.files._documents import (
     entry,
     is_whole,
@@ -26,6 +22,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections
+from catfree.types._scene import metric_scene
 
 InvalidBoxes = Literal["raise", "drop"]
 

@@ -9,11 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.adapters.calibration_files._named_rig import FileCamera, lens_coefficients, rig_of
-from catfree.adapters.datasets._sequence import (
-    MultiViewSequence,
-    metric_scene,
-    require_people_in_front,
-)
+from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
@@ -30,6 +26,7 @@ from catfree.adapters.files._text_rows import naming_row
 from catfree.adapters.protocols import ankles_confirmed
 from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Detections, Rig
+from catfree.types._scene import metric_scene
 from catfree.types._validation import as_path, as_positive
 
 
