@@ -93,12 +93,8 @@ def view_area(
     points = np.concatenate(parts) if parts else np.array([[-1.0, -1.0], [1.0, 1.0]])
     low, high = points.min(0), points.max(0)
     border = MARGIN * max(float((high - low).max()), 1e-3 * float(scene.extent))
-    return (
-        float(low[0] - border),
-        float(high[0] + border),
-        float(low[1] - border),
-        float(high[1] + border),
-    )
+    (x_min, y_min), (x_max, y_max) = (low - border).tolist(), (high + border).tolist()
+    return x_min, x_max, y_min, y_max
 
 
 def place_labels(
