@@ -441,20 +441,19 @@ def require_different_cameras(
         box: (N, 4) boxes; cameras with fewer than `FEWEST_TWINS` are not compared.
         names: of the cameras, for the message.
     """
+    count = np.bincount(camera)
+    alike = np.bincount(count)[count] > 1  # sorting takes time, and most cameras differ in number
     first: dict[bytes, int] = {}
-    table = np.column_stack([frame, box])
-    for one in np.unique(camera):
-        rows = table[camera == one]
-        if len(rows) < FEWEST_TWINS:
-            continue
+    for one in np.flatnonzero(alike & (count >= FEWEST_TWINS)).tolist():
+        rows = np.column_stack([frame[camera == one], box[camera == one]])
         key = rows[np.lexsort(rows.T)].tobytes()
         if key in first:
-            name, other = (shown_camera(c, names) for c in (first[key], int(one)))
+            name, other = (shown_camera(c, names) for c in (first[key], one))
             raise InvalidInputError(
                 f"Cameras {name} and {other} have the same {len(rows)} boxes: one video was "
                 "read twice. Pass each camera once."
             )
-        first[key] = int(one)
+        first[key] = one
 
 
 def as_pictures(value: Any, name: str) -> np.ndarray:
@@ -505,19 +504,7 @@ def require_boxes_in_images(
     image_size: np.ndarray,
     names: Sequence[str] | None = None,
 ) -> None:
-    """Raise if many boxes of a camera are outside its image, see `boxes_of_another_size`."""
-    fault = boxes_of_another_size(camera, box, image_size, names)
-    if fault is not None:
-        raise InvalidInputError(fault)
-
-
-def boxes_of_another_size(
-    camera: np.ndarray,
-    box: np.ndarray,
-    image_size: np.ndarray,
-    names: Sequence[str] | None = None,
-) -> str | None:
-    """Name the first camera that has the centers of many boxes outside its image.
+    """Raise if a camera has the centers of many boxes outside its image.
 
     The image is then of another size, so that the principal point is elsewhere. A rig that fits the
     boxes all the same is off, and its residuals do not show it.
@@ -528,8 +515,8 @@ def boxes_of_another_size(
         image_size: (C, 2) widths and heights in pixels.
         names: of the cameras, for the message.
 
-    Returns:
-        A sentence, or None if there is no such camera.
+    Raises:
+        InvalidInputError: naming the first such camera.
     """
     center = (box[:, :2] + box[:, 2:]) / 2
     outside = ((center < 0) | (center > image_size[camera])).any(axis=1)
@@ -537,10 +524,10 @@ def boxes_of_another_size(
     share = np.bincount(camera, outside, len(image_size)) / np.maximum(count, 1)
     wrong = np.flatnonzero((count >= FEWEST_TWINS) & (share > MOST_OUTSIDE))
     if not len(wrong):
-        return None
+        return
     at = int(wrong[0])
     name, (width, height) = shown_camera(at, names), (int(side) for side in image_size[at])
-    return (
+    raise InvalidInputError(
         f"{share[at]:.0%} of the boxes of camera {name} have their center outside "
         f"its image of {width} x {height} px. Pass the size (width, height) of the images that "
         "the boxes were found in, one row per camera if they differ."
