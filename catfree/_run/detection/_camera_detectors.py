@@ -223,7 +223,7 @@ class CameraDetectors:
                         joined = {key: one for _, some in results for key, one in some.items()}
                         yield results[0][0], dict(sorted(joined.items()))
                     if count < CHUNK:
-                        # One process would not have met what happened later in the others.
+                        # As in one process, the first instant that fails ends the run.
                         ended = [chunk for chunk in chunks if len(chunk.instants) == count]
                         interruptions = [one.interruption for one in ended if one.interruption]
                         errors = [one.error for one in ended if one.error]
