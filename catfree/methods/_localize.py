@@ -16,6 +16,7 @@ from catfree.methods.paper._localize_by_paper import localize_by_paper
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._detections import is_confident
 from catfree.types._processes import require_own_process
 from catfree.types._scene import require_plausible_heights, require_scene
 from catfree.types._validation import (
@@ -182,9 +183,7 @@ def usable(
             f"Localization needs at least 2 registered cameras to intersect rays; this rig has "
             f"{int(rig.registered.sum())} of {rig.camera_count}. Add cameras or register them."
         )
-    keep = rig.registered[detections.camera]
-    if detections.score is not None:
-        keep = keep & (detections.score >= settings.confidence)
+    keep = rig.registered[detections.camera] & is_confident(detections, settings.confidence)
     if settings.rays.only_confirmed_ankles and detections.ankles_confirmed is not None:
         keep = keep & detections.ankles_confirmed
     require_few_people(detections.frame[keep], detections.camera[keep], camera_names)

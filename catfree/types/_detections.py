@@ -329,6 +329,12 @@ class Detections(eqx.Module):
             return cls(**arrays | {"clock": clock_from_array(arrays.get("clock"))})
 
 
+def is_confident(detections: Detections, least: float) -> Bool[np.ndarray, " n"]:
+    """Mark the boxes with at least this score, (N,); all if they have none."""
+    score = detections.score
+    return np.ones(len(detections), bool) if score is None else score >= least
+
+
 def concatenate_common(parts: Sequence[Detections]) -> Detections:
     """Join detections, keeping the columns that all detections with rows have.
 
