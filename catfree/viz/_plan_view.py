@@ -101,8 +101,8 @@ def place_labels(
     anchors: Float[np.ndarray, "n 2"],
     sizes: Float[np.ndarray, "n 2"],
     bounds: tuple[float, float, float, float],
-    occupied: Float[np.ndarray, "k 4"] | None = None,
-    gap: float = 4.0,
+    occupied: Float[np.ndarray, "k 4"],
+    gap: float,
 ) -> list[tuple[float, float] | None]:
     """Place labels beside their anchors so that none covers another.
 
@@ -119,7 +119,7 @@ def place_labels(
     Returns:
         Lower left corner of each label, or None if there is no room.
     """
-    taken = [] if occupied is None else [tuple(box) for box in occupied]
+    taken = [tuple(box) for box in occupied]
     places: list[tuple[float, float] | None] = []
     steps = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
     for (x, y), (width, height) in zip(anchors, sizes, strict=True):
