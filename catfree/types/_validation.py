@@ -1,4 +1,4 @@
-"""Checks shared by the types: each names the first offending entry."""
+"""Checks that all rooms share: each names the first offending entry."""
 
 import dataclasses
 import errno
