@@ -141,9 +141,9 @@ def _read_csv(path: Path) -> np.ndarray:
     """Read rows (N, 4) of a CSV file with the columns frame, id (or track_id), x and y.
 
     Raises:
-        FileFormatError: if a column is missing or occurs twice, or a line (which it names) has too
-            few or too many columns or a value that is not a number, or a person of a frame occurs
-            twice.
+        FileFormatError: if a column is missing or occurs twice, or there are no rows; or naming the
+            line that has too few or too many columns, a value that is not a number, or a person for
+            the second time in a frame.
     """
     table = read_csv(path, "ground truth")
     header = table.header

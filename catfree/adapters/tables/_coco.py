@@ -63,9 +63,9 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
 
     Raises:
         InvalidInputError: if there is no such file, or a box has no area or a score is invalid.
-        FileFormatError: naming the first entry that has another form, or whose image is unknown,
-            two images of one camera and frame, or an image of another size than the camera's first,
-            or if no box is of a person.
+        FileFormatError: naming the first entry that has another form or an unknown image, the first
+            image that shares camera and frame with another or differs in size from the camera's
+            first, or if no box is of a person.
     """
     document = read_json(path, "boxes in COCO's form")
     described = document if isinstance(document, dict) else None

@@ -126,9 +126,9 @@ class Reliability(eqx.Module):
         expectation_note: why MODA cannot be estimated, or None.
         ground_height: median height above the ground of where the foot rays of one person meet, in
             scene units, negative below it; NaN for few people, None if the method gives none.
-        lens_bend: largest angle by which people near the border of a camera's image are off the
-            places where the others see them, as a wrong lens leaves it, in radians; 0 if that is
-            not significant, None if the method gives none.
+        lens_bend: how wrong a camera's lens seems: the largest angle in radians between people
+            near the border of its image and where the other cameras see them; 0 if that is not
+            significant, None if the method gives none.
         pattern_share: largest share of the variance of a camera's residuals that a clock that is
             off or a move of the camera explains, beyond chance; None if the method gives none.
         least_together: how often two cameras see a walking person together, over how often they
