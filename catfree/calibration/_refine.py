@@ -112,7 +112,7 @@ def refine(
     require_instance(settings, Settings, "settings")
     rounds = as_count(rounds, "rounds", least=0)
     report = progress or no_progress
-    require_pinholes(scene.rig, "refinement")
+    require_pinholes(scene.rig)
     _require_cameras(detections, scene.rig)
     require_different_cameras(detections.frame, detections.camera, detections.box)
     keep = is_confident(detections, settings.confidence)

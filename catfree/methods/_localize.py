@@ -157,7 +157,7 @@ def _missing_pictures(
     Raises:
         InvalidInputError: if there is no such camera, or a box in one of these pictures.
     """
-    rows = as_pictures(silent, "silent")
+    rows = as_pictures(silent)
     require_known_cameras(rows[:, 1], scene.rig.camera_count)
     require_no_boxes(rows, detections.frame, detections.camera, camera_names)
     return rows

@@ -264,17 +264,17 @@ def _as_lens(lens: Any, count: int) -> np.ndarray | None:
     return values if values.any() else None
 
 
-def require_pinholes(rig: Rig, purpose: str) -> None:
-    """Raise if a registered camera is not a pinhole.
+def require_pinholes(rig: Rig) -> None:
+    """Raise if a registered camera is not a pinhole, as refinement needs.
 
     Raises:
-        InvalidInputError: naming the camera, its lens and the purpose that needs a pinhole.
+        InvalidInputError: naming the camera and its lens.
     """
     not_pinhole = rig.registered & (rig.lenses != Lens.PINHOLE)
     if not_pinhole.any():
         at = int(np.argmax(not_pinhole))
         kind = {Lens.FISHEYE: "a fisheye lens", Lens.RAYS: "a grid of rays"}[Lens(rig.lenses[at])]
         raise InvalidInputError(
-            f"Camera {at} has {kind}, and {purpose} needs pinholes. Undistort its images and boxes "
-            "to a pinhole first."
+            f"Camera {at} has {kind}, and refinement needs pinholes. Undistort its images and "
+            "boxes to a pinhole first."
         )

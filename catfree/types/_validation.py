@@ -456,17 +456,15 @@ def require_different_cameras(
         first[key] = one
 
 
-def as_pictures(value: Any, name: str) -> np.ndarray:
+def as_pictures(silent: Any) -> np.ndarray:
     """Return (K, 2) integers, frame and camera of each picture that is listed; none for None.
 
     Raises:
-        InvalidInputError: naming the argument, if the rows are not pairs of integers.
+        InvalidInputError: if the rows are not pairs of integers.
     """
-    if value is None:
-        return np.zeros((0, 2), np.int64)
-    rows = as_integer(value, name)
+    rows = as_integer(() if silent is None else silent, "silent")
     rows = rows.reshape(0, 2) if rows.size == 0 else rows
-    require_shape(rows, (None, 2), name)
+    require_shape(rows, (None, 2), "silent")
     return rows
 
 
