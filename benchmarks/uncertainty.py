@@ -18,6 +18,7 @@ import numpy as np
 import catfree as cf
 from benchmarks.paper.scoring import ground_rows, world_covariance
 from benchmarks.paper.sequences import Sequence, real, scenarios
+from benchmarks.reliability_plot import plot_ellipse_coverage, plot_reliability
 from catfree.evaluation import (
     CalibrationCurve,
     EllipseCoverage,
@@ -29,7 +30,6 @@ from catfree.evaluation import (
 )
 from catfree.methods.evidence import describe, solve
 from catfree.synthetic import RigError, make_world
-from catfree.viz.plots._reliability_plot import plot_ellipse_coverage, plot_reliability
 
 FRAMES = 40
 WORSE, TRUE = RigError(rotation_deg=1.0), RigError(0, 0, 0, 0, 0)

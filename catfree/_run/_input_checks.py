@@ -22,13 +22,13 @@ from catfree.adapters.files._fingerprint import hash_samples
 from catfree.adapters.video import SynchronizedVideos
 from catfree.adapters.video._video_sources import ImageFolder
 from catfree.calibration import Calibration, remove_offsets
-from catfree.calibration._calibrate import confident_boxes
 from catfree.calibration.people import offset_for
 from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
+from catfree.types._detections import is_confident
 from catfree.types._sampling import frame_step
 from catfree.types._scene import require_scene
 
@@ -355,7 +355,7 @@ def calibration_warnings(
     ]
     warnings += calibration.contradictions
     least = max(settings.confidence, settings.calibration_confidence)
-    sure = remove_offsets(confident_boxes(detections, least), offset)
+    sure = remove_offsets(detections[is_confident(detections, least)], offset)
     for camera in np.flatnonzero(~calibration.scene.rig.registered):
         likely_offset = offset_for(calibration, sure, int(camera), LONGEST, settings.calibration)
         if likely_offset:
@@ -385,12 +385,8 @@ def without_offsets(
 
 def _started(offset: int, videos: Recording) -> str:
     """Describe when a camera began to record; its frame numbers are too high by `offset`."""
-    if isinstance(videos, CameraBoxes):
-        clock = videos.detections.clock
-        rate = None if clock is None else clock.frame_rate
-    else:
-        rate = videos.tick_rate
-    seconds = "" if rate is None else f" ({abs(offset) / rate:.1f} s)"
+    clock = videos.detections.clock if isinstance(videos, CameraBoxes) else videos.clock
+    seconds = "" if clock is None else f" ({abs(offset) / clock.frame_rate:.1f} s)"
     when = "after" if offset < 0 else "before"
     frames = "1 frame" if abs(offset) == 1 else f"{abs(offset)} frames"
     return f"started about {frames}{seconds} {when} the others"

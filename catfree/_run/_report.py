@@ -228,7 +228,7 @@ def describe_cameras(outcome: RunOutcome, person_height: float) -> list[Block]:
 
 
 def camera_table(
-    scene: Scene, camera_names: Sequence[str], calibration: Calibration | None = None
+    scene: Scene, camera_names: Sequence[str], calibration: Calibration | None
 ) -> Table:
     """Height, focal length and, for a rig from people, the reliability of each camera."""
     rig = scene.rig

@@ -344,7 +344,7 @@ def draw_views(
     videos: SynchronizedVideos,
     outcome: RunOutcome,
     *,
-    blur: bool = False,
+    blur: bool,
 ) -> list[Path]:
     """Draw tracks, and a grid of the ground, on all cameras' images amid the footage.
 
@@ -368,8 +368,7 @@ def draw_views(
     height = person_height(*results)
     middle = videos.frame_count // 2
     # Truncated footage may not reach its middle.
-    instant = next(videos.instants_from(middle), None) or next(iter(videos))
-    frame, images = instant
+    frame, images = next(videos.instants_from(middle), None) or next(iter(videos))
     drawn = [
         draw_frame(image, camera, frame, *results, person_height=height, blur=blur)
         for camera, image in enumerate(images)

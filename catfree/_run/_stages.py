@@ -23,7 +23,7 @@ from catfree.adapters.protocols import (
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration
-from catfree.calibration._calibrate import confident_boxes, refine_registered
+from catfree.calibration._calibrate import refine_registered
 from catfree.calibration.people import Anchor, anchored, register, resolve_anchors
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
 from catfree.errors import CalibrationError, InvalidInputError
@@ -31,6 +31,7 @@ from catfree.methods._localize import localize
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
+from catfree.types._detections import is_confident
 
 
 def calibrate_cameras(
@@ -80,7 +81,7 @@ def calibrate_cameras(
         )
     incomplete = np.unique(videos.silent[:, 0])
     detections = detections[~np.isin(detections.frame, incomplete)]
-    detections = confident_boxes(detections, settings.confidence)
+    detections = detections[is_confident(detections, settings.confidence)]
     resolve_anchors(anchors, size, names)
     options = {"camera_names": names, "progress": progress}
 
@@ -145,8 +146,8 @@ def detect_again(
     scene: Scene,
     settings: Settings,
     *,
-    cache: StageCache | None = None,
-    progress: Progress | None = None,
+    cache: StageCache | None,
+    progress: Progress | None,
 ) -> Detections:
     """Third stage: detect again where the tracks of the first pass predict people.
 

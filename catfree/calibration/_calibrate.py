@@ -20,6 +20,7 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._detections import is_confident
 from catfree.types._processes import require_own_process
 from catfree.types._validation import require_instance
 
@@ -81,7 +82,7 @@ def calibrate(
         rules = CalibrationSettings() if settings is None else settings
         require_instance(rules, CalibrationSettings, "settings")
         settings = Settings(calibration=rules)
-    detections = confident_boxes(detections, settings.confidence)
+    detections = detections[is_confident(detections, settings.confidence)]
     if anchors:  # their mistakes are told before the long work
         resolve_anchors(anchors, camera_sizes(detections, image_size), camera_names)
     registered = register(
@@ -135,8 +136,3 @@ def refine_registered(
     )
     best = confirm(best, synchronized, rules)
     return without_vague_cameras(best, rules, camera_names)
-
-
-def confident_boxes(detections: Detections, least: float) -> Detections:
-    """Select the boxes with at least this score; all if they have none."""
-    return detections if detections.score is None else detections[detections.score >= least]

@@ -25,6 +25,7 @@ from catfree.methods.paper.association import (
 from catfree.settings import Settings
 from catfree.types import Detections, Plane, Rays, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._detections import is_confident
 from catfree.types._rig import require_pinholes
 from catfree.types._sampling import evenly_spread
 from catfree.types._scene import require_scene
@@ -111,10 +112,11 @@ def refine(
     require_instance(settings, Settings, "settings")
     rounds = as_count(rounds, "rounds", least=0)
     report = progress or no_progress
-    require_pinholes(scene.rig, "refinement")
+    require_pinholes(scene.rig)
     _require_cameras(detections, scene.rig)
     require_different_cameras(detections.frame, detections.camera, detections.box)
-    keep = _confident(detections, scene.rig, settings)
+    keep = is_confident(detections, settings.confidence)
+    keep = keep & scene.rig.registered[detections.camera]
     if not keep.any():
         raise InsufficientDataError(
             f"None of the {len(detections)} boxes is of a registered camera and as confident as "
@@ -173,14 +175,6 @@ def _require_cameras(detections: Detections, rig: Rig) -> None:
             f"Refinement needs people seen by {CAMERAS} cameras, but only "
             f"{int(rig.registered.sum())} of {rig.camera_count} cameras are registered."
         )
-
-
-def _confident(detections: Detections, rig: Rig, settings: Settings) -> Bool[np.ndarray, " n"]:
-    """Mark the confident detections of registered cameras, (N,)."""
-    keep = rig.registered[detections.camera]
-    if detections.score is not None:
-        keep = keep & (detections.score >= settings.confidence)
-    return keep
 
 
 def _associated(

@@ -148,9 +148,7 @@ def check_table(result: Any, camera_names: tuple[str, ...]) -> Any:
     return Table(header, tuple(rows))
 
 
-def write_check_page(
-    out: Path, result: Any, outcome: Any, footage: Any = None, *, blur: bool = False
-) -> Path:
+def write_check_page(out: Path, result: Any, outcome: Any, footage: Any, *, blur: bool) -> Path:
     """Write verdicts, a grid of the ground, coverage and expected accuracy as a page.
 
     Args:

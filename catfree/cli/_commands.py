@@ -64,7 +64,7 @@ STRIDED = (
 
 @contextlib.contextmanager
 def _report_of_failure(
-    out: Path, *, embeddings: bool = False, blur: bool = False, pictures: bool = True
+    out: Path, *, embeddings: bool = False, blur: bool, pictures: bool
 ) -> Iterator[Any]:
     """Yield the partial results of a run; if it fails, write them and name the report.
 

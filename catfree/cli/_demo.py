@@ -123,15 +123,10 @@ def run_demo(
         ("workers", 1 if workers is None else workers, 1),
     ):
         as_count(value, name, least=least)
-    if min(image_size) < SMALLEST_PICTURE:
+    if min(image_size) < SMALLEST_PICTURE or max(image_size) > LARGEST_PICTURE:
         raise InvalidInputError(
-            f"The image size is {image_size[0]} x {image_size[1]} pixels; the demo needs at least "
-            f"{SMALLEST_PICTURE} each way."
-        )
-    if max(image_size) > LARGEST_PICTURE:
-        raise InvalidInputError(
-            f"The image size is {image_size[0]} x {image_size[1]} pixels; the demo renders at most "
-            f"{LARGEST_PICTURE} each way."
+            f"The image size is {image_size[0]} x {image_size[1]} pixels; the demo renders "
+            f"{SMALLEST_PICTURE} to {LARGEST_PICTURE} each way."
         )
     root = Path(folder)
     settings = settings or DEMO_SETTINGS

@@ -106,7 +106,7 @@ def folder_of_results(out: Path) -> Iterator[None]:
 
 
 def _footage_in(path: Path) -> list[Path]:
-    """The path, if it is a video or a folder of images, or those that a folder holds, or none."""
+    """List the path if it is a video or a folder of images, else those that it holds."""
     from catfree.adapters.datasets._detection_files import has_images
 
     def is_footage(one: Path) -> bool:

@@ -25,7 +25,7 @@ class DetectionRates(NamedTuple):
 
 
 def detection_rates(
-    tp: Any, fp: Any, fn: Any, distance_sum: Any, threshold: Number, *, clamped: bool = False
+    tp: Any, fp: Any, fn: Any, distance_sum: Any, threshold: Number, *, clamped: bool
 ) -> DetectionRates:
     """Turn counts into percentages, elementwise.
 

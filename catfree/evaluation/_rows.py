@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator, Set
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_float, as_integer
+from catfree.types._validation import as_float, as_integer, refuse
 
 Number = float | int | np.number
 Rows = Float[np.ndarray, "n 4"]
@@ -42,24 +41,20 @@ def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
         raise InvalidInputError(
             f"{name} must have shape (N, 4) with columns [frame, id, x, y], got {array.shape}."
         )
-    _refuse(array, ~np.isfinite(array).all(axis=1), name, "all four values must be finite")
+    refuse(~np.isfinite(array).all(axis=1), array, name, ": all four values must be finite.")
     whole = array[:, :2] if identified else array[:, :1]
     columns = "frame and id" if identified else "frame"
-    _refuse(array, (whole != np.round(whole)).any(axis=1), name, f"{columns} must be whole numbers")
+    fractional = (whole != np.round(whole)).any(axis=1)
+    refuse(fractional, array, name, f": {columns} must be whole numbers.")
     too_large = np.abs(array[:, 0]) >= 2.0**63
-    _refuse(array, too_large, name, "its frame must be a whole number of at most 63 bits")
+    refuse(too_large, array, name, ": its frame must be a whole number of at most 63 bits.")
     if identified:
         _, first = np.unique(array[:, :2], axis=0, return_index=True)
         repeated = np.ones(len(array), dtype=bool)
         repeated[first] = False
-        _refuse(array, repeated, name, "its id is already in this frame; give every person one row")
+        fault = ": its id is already in this frame; give every person one row."
+        refuse(repeated, array, name, fault)
     return array
-
-
-def _refuse(array: Rows, bad: Any, name: str, reason: str) -> None:
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise InvalidInputError(f"{name}[{row}] is {array[row].tolist()}: {reason}.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,14 @@ from catfree.errors import InvalidInputError
 from catfree.evaluation._position_matching import matched_rows
 from catfree.evaluation._rows import Frames, Number, as_rows, read_sequence
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_boolean, as_count, as_float, as_number, as_positive
+from catfree.types._validation import (
+    as_boolean,
+    as_count,
+    as_float,
+    as_number,
+    as_positive,
+    refuse,
+)
 
 ASYMMETRY = 1e-5  # of a covariance that was rotated in single precision, in its deviations
 
@@ -136,12 +143,8 @@ def _require_positive_definite(covariances: Float[np.ndarray, "p 2 2"]) -> None:
         good = (xx > 0) & (yy > 0) & (xx * yy - xy * yx > 0)
         good &= np.abs(xy - yx) <= ASYMMETRY * np.sqrt(xx * yy)
     good &= np.isfinite(covariances).all(axis=(1, 2))
-    if not good.all():
-        row = int(np.argmin(good))
-        raise InvalidInputError(
-            f"covariance[{row}] is {covariances[row].tolist()}; it must be finite, symmetric and "
-            "positive definite."
-        )
+    fault = "; it must be finite, symmetric and positive definite."
+    refuse(~good, covariances, "covariance", fault)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,9 +202,7 @@ def calibration_curve(
         )
     bins = as_count(bins, "bins", least=1)
     bad = ~((claimed >= 0) & (claimed <= 1))
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise InvalidInputError(f"probability[{row}] is {claimed[row]}; it must be in [0, 1].")
+    refuse(bad, claimed, "probability", "; it must be in [0, 1].")
     edges = np.arange(bins + 1) / bins  # 3 / 10 is 0.3, which `linspace` misses
     index = np.minimum(np.searchsorted(edges, claimed, side="right") - 1, bins - 1)
     count = np.bincount(index, minlength=bins)

@@ -1,12 +1,12 @@
 """`localize`: from person boxes and a scene to tracked ground positions."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Int
 
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.methods import evidence
@@ -16,11 +16,12 @@ from catfree.methods.paper._localize_by_paper import localize_by_paper
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._detections import is_confident
 from catfree.types._processes import require_own_process
-from catfree.types._scene import implausible_height, require_scene
+from catfree.types._scene import require_plausible_heights, require_scene
 from catfree.types._validation import (
     as_pictures,
-    boxes_of_another_size,
+    require_boxes_in_images,
     require_different_cameras,
     require_few_people,
     require_instance,
@@ -100,14 +101,12 @@ def localize(
             detection_count=len(detections),
         )
     warnings = result.warnings
-    faults = (
-        implausible_height(scene),
-        boxes_of_another_size(
-            detections.camera[keep], detections.box[keep], scene.rig.image_size, camera_names
-        ),
+    frame, camera, box = detections.frame[keep], detections.camera[keep], detections.box[keep]
+    warnings += _faults(
+        lambda: require_plausible_heights(scene),
+        lambda: require_boxes_in_images(camera, box, scene.rig.image_size, camera_names),
+        lambda: require_different_cameras(frame, camera, box, camera_names),
     )
-    warnings += tuple(fault for fault in faults if fault is not None)
-    warnings += _same_cameras(detections, keep, camera_names)
     if not keep.any():
         warnings += (_why_none_is_used(detections, scene, settings),)
     if keep.any() and not len(result.tracks):
@@ -139,20 +138,15 @@ def _why_none_is_used(detections: Detections, scene: Scene, settings: Settings) 
     )
 
 
-def _same_cameras(
-    detections: Detections, keep: Bool[np.ndarray, " n"], camera_names: Sequence[str] | None
-) -> tuple[str, ...]:
-    """Name the first two cameras with the same boxes among those to keep, if there are any."""
-    count = np.bincount(detections.camera[keep])
-    alike = np.bincount(count)[count] > 1  # sorting takes time, and most cameras differ in number
-    rows = np.flatnonzero(keep)
-    rows = rows[alike[detections.camera[rows]]]
-    frame, camera, box = (getattr(detections, name)[rows] for name in ("frame", "camera", "box"))
-    try:
-        require_different_cameras(frame, camera, box, camera_names)
-    except InvalidInputError as error:
-        return (str(error),)
-    return ()
+def _faults(*checks: Callable[[], object]) -> tuple[str, ...]:
+    """The sentences of checks that fail: elsewhere these are errors, here the caller is warned."""
+    faults = []
+    for check in checks:
+        try:
+            check()
+        except InvalidInputError as error:
+            faults.append(str(error))
+    return tuple(faults)
 
 
 def _missing_pictures(
@@ -163,7 +157,7 @@ def _missing_pictures(
     Raises:
         InvalidInputError: if there is no such camera, or a box in one of these pictures.
     """
-    rows = as_pictures(silent, "silent")
+    rows = as_pictures(silent)
     require_known_cameras(rows[:, 1], scene.rig.camera_count)
     require_no_boxes(rows, detections.frame, detections.camera, camera_names)
     return rows
@@ -189,9 +183,7 @@ def usable(
             f"Localization needs at least 2 registered cameras to intersect rays; this rig has "
             f"{int(rig.registered.sum())} of {rig.camera_count}. Add cameras or register them."
         )
-    keep = rig.registered[detections.camera]
-    if detections.score is not None:
-        keep = keep & (detections.score >= settings.confidence)
+    keep = rig.registered[detections.camera] & is_confident(detections, settings.confidence)
     if settings.rays.only_confirmed_ankles and detections.ankles_confirmed is not None:
         keep = keep & detections.ankles_confirmed
     require_few_people(detections.frame[keep], detections.camera[keep], camera_names)

@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from catfree.errors import InvalidInputError, quoted
 from catfree.synthetic._walkers import Area, middle_and_half
-from catfree.types import Lens, Plane, Rig, Scene
+from catfree.types import Lens, Rig, Scene
+from catfree.types._scene import metric_scene
 
 # Self-calibration may try 0.5, 0.7 and 0.9 image widths first. Focal lengths are drawn between
 # these bounds and at least 6 % away from each guess, so that no guess is right by chance.
@@ -47,7 +48,7 @@ class Layout:
     @property
     def scene(self) -> Scene:
         """The true scene: ground z = 0, metric."""
-        return Scene.from_rig(self.rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
+        return metric_scene(self.rig)
 
 
 def ring(

@@ -20,7 +20,7 @@ from catfree.types._validation import (
     as_instances,
     as_integer,
     as_rows,
-    first_index,
+    refuse,
     require_boxes,
     require_finite,
     require_shape,
@@ -103,15 +103,12 @@ class Detections(eqx.Module):
             )
         require_shape(self.camera, (n,), "camera")
         require_boxes(n, self.box, self.score, self.keypoints)
-        if (self.camera < 0).any():
-            at = first_index(self.camera < 0)
-            raise InvalidInputError(f"camera[{at}] is {self.camera[int(at)]}; indices start at 0.")
-        if (self.camera >= MOST_CAMERAS).any():
-            at = first_index(self.camera >= MOST_CAMERAS)
-            raise InvalidInputError(
-                f"camera[{at}] is {self.camera[int(at)]}. Number cameras from 0, one after the "
-                f"other, up to {MOST_CAMERAS - 1}, or give their names to a reader."
-            )
+        refuse(self.camera < 0, self.camera, "camera", "; indices start at 0.")
+        fault = (
+            f". Number cameras from 0, one after the other, up to {MOST_CAMERAS - 1}, or give "
+            "their names to a reader."
+        )
+        refuse(self.camera >= MOST_CAMERAS, self.camera, "camera", fault)
         if self.ankles_confirmed is not None:
             require_shape(self.ankles_confirmed, (n,), "ankles_confirmed")
         if self.embedding is not None:
@@ -330,6 +327,12 @@ class Detections(eqx.Module):
         with naming_file(path):
             # Files of versions 0.1 and 0.2 have no clock.
             return cls(**arrays | {"clock": clock_from_array(arrays.get("clock"))})
+
+
+def is_confident(detections: Detections, least: float) -> Bool[np.ndarray, " n"]:
+    """Mark the boxes with at least this score, (N,); all if they have none."""
+    score = detections.score
+    return np.ones(len(detections), bool) if score is None else score >= least
 
 
 def concatenate_common(parts: Sequence[Detections]) -> Detections:

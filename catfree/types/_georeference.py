@@ -125,7 +125,7 @@ class GeoReference:
         degrees = _degrees(longitude_latitude)
         base, (east, north, up) = _tangent_plane(self.longitude, self.latitude)
         offset = _on_ellipsoid(degrees) - base
-        # The place above the point of the plane: along its own vertical, as in the inverse.
+        # The vertical of a place leads to its point of the plane, as in the inverse.
         vertical = _up(degrees)
         offset -= vertical * ((offset @ up) / (vertical @ up))[:, None]
         east_north = np.stack([offset @ east, offset @ north], -1)

@@ -21,8 +21,9 @@ from catfree.types._validation import (
     as_float,
     as_integer,
     as_registered,
-    first_index,
+    entry_of,
     is_traced,
+    refuse,
     require_finite,
     require_shape,
 )
@@ -131,14 +132,13 @@ class Rig(eqx.Module):
             bad = self.registered & (self.lenses == Lens.FISHEYE) & rest.any(-1)
             if bad.any():
                 raise InvalidInputError(
-                    f"distortion[{first_index(bad)}] of a fisheye has more than four coefficients "
+                    f"{entry_of('distortion', bad)} of a fisheye has more than four coefficients "
                     "that are not zero."
                 )
         if self.rays is not None:
             self._check_rays(np.asarray(self.rays))
-        if (self.image_size <= 0).any():
-            at = first_index(self.image_size <= 0)
-            raise InvalidInputError(f"image_size[{at}] must be a positive number of pixels.")
+        fault = "; it must be a positive number of pixels."
+        refuse(self.image_size <= 0, self.image_size, "image_size", fault)
         require_cameras(self.K, self.R, self.registered)
 
     def _check_rays(self, rays: np.ndarray) -> None:
@@ -153,7 +153,7 @@ class Rig(eqx.Module):
         bad = has_rays & ~unit.all((1, 2))
         if bad.any():
             raise InvalidInputError(
-                f"rays[{first_index(bad)}] holds a ray that is not a unit vector. Every node of "
+                f"{entry_of('rays', bad)} holds a ray that is not a unit vector. Every node of "
                 "the image needs a direction in camera axes."
             )
 
@@ -225,11 +225,11 @@ def require_cameras(K: Any, R: Any, registered: Bool[np.ndarray, " cam"]) -> Non
     )
     if focal_bad.any():
         raise InvalidInputError(
-            f"K[{first_index(focal_bad)}] has a focal length that is not positive."
+            f"{entry_of('K', focal_bad)} has a focal length that is not positive."
         )
     if form_bad.any():
         raise InvalidInputError(
-            f"K[{first_index(form_bad)}] is not of the form [[fx, s, cx], [0, fy, cy], "
+            f"{entry_of('K', form_bad)} is not of the form [[fx, s, cx], [0, fy, cy], "
             "[0, 0, 1]]. Divide by K[2, 2], and check that it is not transposed."
         )
     with np.errstate(invalid="ignore", over="ignore"):
@@ -264,17 +264,17 @@ def _as_lens(lens: Any, count: int) -> np.ndarray | None:
     return values if values.any() else None
 
 
-def require_pinholes(rig: Rig, purpose: str) -> None:
-    """Raise if a registered camera is not a pinhole.
+def require_pinholes(rig: Rig) -> None:
+    """Raise if a registered camera is not a pinhole, as refinement needs.
 
     Raises:
-        InvalidInputError: naming the camera, its lens and the purpose that needs a pinhole.
+        InvalidInputError: naming the camera and its lens.
     """
     not_pinhole = rig.registered & (rig.lenses != Lens.PINHOLE)
     if not_pinhole.any():
         at = int(np.argmax(not_pinhole))
         kind = {Lens.FISHEYE: "a fisheye lens", Lens.RAYS: "a grid of rays"}[Lens(rig.lenses[at])]
         raise InvalidInputError(
-            f"Camera {at} has {kind}, and {purpose} needs pinholes. Undistort its images and boxes "
-            "to a pinhole first."
+            f"Camera {at} has {kind}, and refinement needs pinholes. Undistort its images and "
+            "boxes to a pinhole first."
         )

@@ -219,6 +219,11 @@ class Scene(eqx.Module):
             return require_plausible_heights(scene)
 
 
+def metric_scene(rig: Rig) -> Scene:
+    """Make the scene of a rig in meters, z up, above the ground z = 0."""
+    return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
+
+
 def require_scene(scene: Any) -> None:
     """Raise unless this is a scene.
 
@@ -241,23 +246,15 @@ def require_plausible_heights(scene: Scene) -> Scene:
     Raises:
         InvalidInputError: naming the highest camera.
     """
-    fault = implausible_height(scene)
-    if fault is not None:
-        raise InvalidInputError(fault)
-    return scene
-
-
-def implausible_height(scene: Scene) -> str | None:
-    """Return a sentence if the scene claims meters and a camera is too high to show people."""
     rig, ground = scene.rig, scene.ground
     if not scene.metric or is_traced(rig.R, rig.t, ground.normal, ground.offset):
-        return None
+        return scene
     height = np.asarray(ground.signed_distance(np.asarray(rig.centers)))
     height = np.where(rig.registered, height, 0.0)
     if height.max(initial=0.0) < HIGHEST_CAMERA:
-        return None
+        return scene
     at = int(height.argmax())
-    return (
+    raise InvalidInputError(
         f"Camera {at} is {height[at]:.5g} m above the ground, but cameras that show people are "
         f"below {HIGHEST_CAMERA:g} m. If the rig is in millimeters or centimeters, divide t by "
         "1000 or 100 (the readers of calibration files have metres_per_unit); if its units are "

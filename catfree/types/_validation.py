@@ -1,11 +1,11 @@
-"""Checks shared by the types: each names the first offending entry."""
+"""Checks that all rooms share: each names the first offending entry."""
 
 import dataclasses
 import errno
 import os
 import types
 import typing
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,9 +30,28 @@ def is_traced(*values: Any) -> bool:
     return any(isinstance(value, jax.core.Tracer) for value in values)
 
 
-def first_index(bad: np.ndarray) -> str:
-    """Format the index of the first true entry of a boolean array: `3` or `3, 1`."""
-    return ", ".join(str(int(i)) for i in np.argwhere(bad)[0])
+def entry_of(name: str, bad: Any) -> str:
+    """Name the first true entry of a boolean array: `score[3]` or `K[3, 1]`; a number by `name`."""
+    index = ", ".join(map(str, np.argwhere(bad)[0].tolist()))
+    return f"{name}[{index}]" if index else name
+
+
+def refuse(bad: Any, values: np.ndarray, name: str, fault: str) -> None:
+    """Raise if any entry or row is bad, with a message such as `score[3] is 1.5; it must be ...`.
+
+    Args:
+        bad: which are.
+        values: the array.
+        name: of the array.
+        fault: what the message says after the value.
+
+    Raises:
+        InvalidInputError: naming the first one.
+    """
+    if np.any(bad):
+        value = values[tuple(np.argwhere(bad)[0])]
+        shown = value.tolist() if value.ndim else value
+        raise InvalidInputError(f"{entry_of(name, bad)} is {shown}{fault}")
 
 
 def require_instance(value: Any, kind: type, name: str) -> None:
@@ -210,11 +229,7 @@ def as_integer(value: Any, name: str) -> np.ndarray:
         bad = ~(np.abs(wide) < 2.0**63) | (wide != np.round(wide))
     else:
         bad = array > np.iinfo(np.int64).max
-    if bad.any():
-        entry = f"{name}[{first_index(bad)}]" if bad.ndim else name
-        raise InvalidInputError(
-            f"{entry} is {array[bad][0]}; it must be a whole number of at most 63 bits."
-        )
+    refuse(bad, array, name, "; it must be a whole number of at most 63 bits.")
     return array.astype(np.int64)
 
 
@@ -316,8 +331,7 @@ def as_boolean(value: Any, name: str) -> np.ndarray:
         raise InvalidInputError(f"{name} must hold true and false, got dtype {array.dtype}.")
     bad = ~np.isin(array, (0, 1))
     if bad.any():
-        entry = f"{name}[{first_index(bad)}]" if bad.ndim else name
-        raise InvalidInputError(f"{entry} is neither true nor false.")
+        raise InvalidInputError(f"{entry_of(name, bad)} is neither true nor false.")
     return array.astype(bool)
 
 
@@ -343,7 +357,6 @@ def require_boxes(
     box: np.ndarray,
     score: np.ndarray | None,
     keypoints: np.ndarray | None,
-    place: Callable[[int], str] | None = None,
 ) -> None:
     """Raise at the first box without area, score outside [0, 1] or number that is not finite.
 
@@ -352,25 +365,15 @@ def require_boxes(
         box: (N, 4) x1, y1, x2, y2.
         score: (N,) or None.
         keypoints: (N, 17, 3) or None.
-        place: names a box in messages; None for its index.
     """
     require_shape(box, (count, 4), "box")
     require_finite(box, "box")
     empty = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
-    if empty.any():
-        at = int(np.argmax(empty))
-        name = f"box[{at}]" if place is None else place(at)
-        raise InvalidInputError(
-            f"{name} is {box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels (xyxy, not xywh)."
-        )
+    refuse(empty, box, "box", "; it must be x1 < x2, y1 < y2 in pixels (xyxy, not xywh).")
     if score is not None:
         require_shape(score, (count,), "score")
         require_finite(score, "score")
-        outside = (score < 0) | (score > 1)
-        if outside.any():
-            at = int(np.argmax(outside))
-            name = f"score[{at}]" if place is None else f"The score of {place(at)}"
-            raise InvalidInputError(f"{name} is {score[at]}; it must be in [0, 1].")
+        refuse((score < 0) | (score > 1), score, "score", "; it must be in [0, 1].")
     if keypoints is not None:
         require_shape(keypoints, (count, 17, 3), "keypoints")
         require_finite(keypoints, "keypoints")
@@ -378,16 +381,12 @@ def require_boxes(
 
 def require_known_cameras(camera: np.ndarray, count: int) -> None:
     """Raise at the first camera that is not in a rig of `count` cameras."""
-    if (camera < 0).any():
-        at = int(np.argmax(camera < 0))
-        raise InvalidInputError(f"camera[{at}] is {camera[at]}; indices start at 0.")
-    unknown = camera >= count
-    if unknown.any():
-        at = int(np.argmax(unknown))
-        raise InvalidInputError(
-            f"camera[{at}] is {camera[at]}, but the rig has {count} cameras, "
-            f"0 to {count - 1}. Pass the rig that the detections were made with."
-        )
+    refuse(camera < 0, camera, "camera", "; indices start at 0.")
+    fault = (
+        f", but the rig has {count} cameras, 0 to {count - 1}. Pass the rig that the detections "
+        "were made with."
+    )
+    refuse(camera >= count, camera, "camera", fault)
 
 
 def require_few_people(
@@ -446,33 +445,30 @@ def require_different_cameras(
         box: (N, 4) boxes; cameras with fewer than `FEWEST_TWINS` are not compared.
         names: of the cameras, for the message.
     """
+    count = np.bincount(camera)
+    alike = np.bincount(count)[count] > 1  # sorting takes time, and most cameras differ in number
     first: dict[bytes, int] = {}
-    table = np.column_stack([frame, box])
-    for one in np.unique(camera):
-        rows = table[camera == one]
-        if len(rows) < FEWEST_TWINS:
-            continue
+    for one in np.flatnonzero(alike & (count >= FEWEST_TWINS)).tolist():
+        rows = np.column_stack([frame[camera == one], box[camera == one]])
         key = rows[np.lexsort(rows.T)].tobytes()
         if key in first:
-            name, other = (shown_camera(c, names) for c in (first[key], int(one)))
+            name, other = (shown_camera(c, names) for c in (first[key], one))
             raise InvalidInputError(
                 f"Cameras {name} and {other} have the same {len(rows)} boxes: one video was "
                 "read twice. Pass each camera once."
             )
-        first[key] = int(one)
+        first[key] = one
 
 
-def as_pictures(value: Any, name: str) -> np.ndarray:
+def as_pictures(silent: Any) -> np.ndarray:
     """Return (K, 2) integers, frame and camera of each picture that is listed; none for None.
 
     Raises:
-        InvalidInputError: naming the argument, if the rows are not pairs of integers.
+        InvalidInputError: if the rows are not pairs of integers.
     """
-    if value is None:
-        return np.zeros((0, 2), np.int64)
-    rows = as_integer(value, name)
+    rows = as_integer(() if silent is None else silent, "silent")
     rows = rows.reshape(0, 2) if rows.size == 0 else rows
-    require_shape(rows, (None, 2), name)
+    require_shape(rows, (None, 2), "silent")
     return rows
 
 
@@ -510,19 +506,7 @@ def require_boxes_in_images(
     image_size: np.ndarray,
     names: Sequence[str] | None = None,
 ) -> None:
-    """Raise if many boxes of a camera are outside its image, see `boxes_of_another_size`."""
-    fault = boxes_of_another_size(camera, box, image_size, names)
-    if fault is not None:
-        raise InvalidInputError(fault)
-
-
-def boxes_of_another_size(
-    camera: np.ndarray,
-    box: np.ndarray,
-    image_size: np.ndarray,
-    names: Sequence[str] | None = None,
-) -> str | None:
-    """Name the first camera that has the centers of many boxes outside its image.
+    """Raise if a camera has the centers of many boxes outside its image.
 
     The image is then of another size, so that the principal point is elsewhere. A rig that fits the
     boxes all the same is off, and its residuals do not show it.
@@ -533,8 +517,8 @@ def boxes_of_another_size(
         image_size: (C, 2) widths and heights in pixels.
         names: of the cameras, for the message.
 
-    Returns:
-        A sentence, or None if there is no such camera.
+    Raises:
+        InvalidInputError: naming the first such camera.
     """
     center = (box[:, :2] + box[:, 2:]) / 2
     outside = ((center < 0) | (center > image_size[camera])).any(axis=1)
@@ -542,10 +526,10 @@ def boxes_of_another_size(
     share = np.bincount(camera, outside, len(image_size)) / np.maximum(count, 1)
     wrong = np.flatnonzero((count >= FEWEST_TWINS) & (share > MOST_OUTSIDE))
     if not len(wrong):
-        return None
+        return
     at = int(wrong[0])
     name, (width, height) = shown_camera(at, names), (int(side) for side in image_size[at])
-    return (
+    raise InvalidInputError(
         f"{share[at]:.0%} of the boxes of camera {name} have their center outside "
         f"its image of {width} x {height} px. Pass the size (width, height) of the images that "
         "the boxes were found in, one row per camera if they differ."
@@ -558,8 +542,7 @@ def require_finite(value: Any, name: str, where: np.ndarray | None = None) -> No
     if where is not None:
         bad = bad & where.reshape(where.shape + (1,) * (bad.ndim - where.ndim))
     if bad.any():
-        entry = f"{name}[{first_index(bad)}]" if bad.ndim else name
-        raise InvalidInputError(f"{entry} is not finite. Remove or repair it first.")
+        raise InvalidInputError(f"{entry_of(name, bad)} is not finite. Remove or repair it first.")
 
 
 def options_of(hint: Any) -> tuple[Any, ...]:

@@ -49,8 +49,8 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
 
     If `path` is a link, the file that it leads to is replaced, and the link stays.
 
-    It is in the same folder, under a random name, so that no link can be planted there beforehand,
-    and its path is absolute, as FFmpeg takes what precedes a colon for a protocol.
+    The empty file is in the same folder, under a random name, so that no link can be planted there
+    beforehand. Its path is absolute, as FFmpeg takes what precedes a colon for a protocol.
 
     Args:
         path: the file to make or to replace.

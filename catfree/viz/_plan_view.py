@@ -93,20 +93,16 @@ def view_area(
     points = np.concatenate(parts) if parts else np.array([[-1.0, -1.0], [1.0, 1.0]])
     low, high = points.min(0), points.max(0)
     border = MARGIN * max(float((high - low).max()), 1e-3 * float(scene.extent))
-    return (
-        float(low[0] - border),
-        float(high[0] + border),
-        float(low[1] - border),
-        float(high[1] + border),
-    )
+    (x_min, y_min), (x_max, y_max) = (low - border).tolist(), (high + border).tolist()
+    return x_min, x_max, y_min, y_max
 
 
 def place_labels(
     anchors: Float[np.ndarray, "n 2"],
     sizes: Float[np.ndarray, "n 2"],
     bounds: tuple[float, float, float, float],
-    occupied: Float[np.ndarray, "k 4"] | None = None,
-    gap: float = 4.0,
+    occupied: Float[np.ndarray, "k 4"],
+    gap: float,
 ) -> list[tuple[float, float] | None]:
     """Place labels beside their anchors so that none covers another.
 
@@ -123,7 +119,7 @@ def place_labels(
     Returns:
         Lower left corner of each label, or None if there is no room.
     """
-    taken = [] if occupied is None else [tuple(box) for box in occupied]
+    taken = [tuple(box) for box in occupied]
     places: list[tuple[float, float] | None] = []
     steps = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
     for (x, y), (width, height) in zip(anchors, sizes, strict=True):

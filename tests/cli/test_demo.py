@@ -144,10 +144,9 @@ def test_too_few_cameras_to_align(tmp_path):
         run_demo(tmp_path, cameras=2)
 
 
-@pytest.mark.parametrize(
-    ("size", "said"), [((20, 720), "at least 32 each way"), ((1280, 100_000), "at most 4096")]
-)
-def test_pictures_that_are_no_videos(tmp_path, size, said):
-    with pytest.raises(InvalidInputError, match=f"{size[0]} x {size[1]} pixels.*{said}"):
+@pytest.mark.parametrize("size", [(20, 720), (1280, 100_000)])
+def test_pictures_that_are_no_videos(tmp_path, size):
+    said = f"{size[0]} x {size[1]} pixels; the demo renders 32 to 4096 each way"
+    with pytest.raises(InvalidInputError, match=said):
         run_demo(tmp_path / "new", image_size=size)
     assert not (tmp_path / "new").exists()

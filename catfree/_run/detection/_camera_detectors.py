@@ -63,10 +63,9 @@ class CameraDetectors:
             detector: finds people in one picture.
             cache: holds backgrounds that an earlier run learned.
             progress: called as progress(stage, done, total), with "fit" or the stage of `instants`.
-            workers: most processes, at most one per camera. Detectors that are not fitted to
-                cameras use this process only, because they are networks, which use all processors;
-                so do detectors and embedders that cannot be pickled, and processes that may not
-                start others.
+            workers: most processes, at most one per camera. This process does all the work if it
+                may not start others, if detector or embedder cannot be pickled, or if the detector
+                is not fitted to cameras: it is then a network, which uses all processors.
         """
         self.detector, self.progress = detector, progress or no_progress
         self._videos, self._cache = videos, cache
@@ -223,7 +222,7 @@ class CameraDetectors:
                         joined = {key: one for _, some in results for key, one in some.items()}
                         yield results[0][0], dict(sorted(joined.items()))
                     if count < CHUNK:
-                        # One process would not have met what happened later in the others.
+                        # As in one process, the first instant that fails ends the run.
                         ended = [chunk for chunk in chunks if len(chunk.instants) == count]
                         interruptions = [one.interruption for one in ended if one.interruption]
                         errors = [one.error for one in ended if one.error]

@@ -11,7 +11,7 @@ from catfree._run.sharded._shard import Shard
 from catfree.adapters.files._documents import StrPath, document_of, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock
-from catfree.types._validation import as_path, require_declared_types
+from catfree.types._validation import require_declared_types
 
 METHODS = ("default", "paper", "evidence")
 _SCHEMA = "catfree plan 1"
@@ -81,8 +81,7 @@ def read_plan(path: StrPath) -> PlanFile:
         InvalidInputError: if there is no such file.
         FileFormatError: if it is damaged or of another version.
     """
-    source = as_path(path, "path")
-    with document_of(source, _SCHEMA, "plan", "Make it again with catfree plan.") as document:
+    with document_of(path, _SCHEMA, "plan", "Make it again with catfree plan.") as document:
         document.setdefault("unit", PlanFile.unit)  # which earlier plans do not have
         values = {field.name: document[field.name] for field in dataclasses.fields(PlanFile)}
         values["shards"] = tuple(map(_shard, values["shards"]))

@@ -283,7 +283,7 @@ def _missing_pictures(silent: Any, whole: Shard) -> Int[np.ndarray, "k 2"]:
         raise InvalidInputError(
             "silent belongs to boxes; which pictures videos lack is known from their frames."
         )
-    return np.unique(as_pictures(silent, "silent"), axis=0)
+    return np.unique(as_pictures(silent), axis=0)
 
 
 def _stretches(rows: Int[np.ndarray, "k 2"]) -> tuple[tuple[int, int, int], ...]:

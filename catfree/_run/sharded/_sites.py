@@ -237,7 +237,7 @@ def _silent(site: Site, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"] |
     """(K, 2) frame and camera of the pictures that a site lacks; None if it states none."""
     if isinstance(site.silent, str):
         return read_missing_pictures(site.silent, camera_names)
-    return as_pictures(site.silent, "silent") if site.silent else None
+    return as_pictures(site.silent) if site.silent else None
 
 
 def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:

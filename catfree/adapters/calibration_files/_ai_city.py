@@ -27,7 +27,6 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, quoted
 from catfree.types import Rig
-from catfree.types._validation import as_path
 
 _WIDTH, _HEIGHT = "frameWidth", "frameHeight"
 
@@ -50,10 +49,9 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
         InvalidInputError: if there is no such file or a camera is invalid.
         FileFormatError: if it is not JSON of this form.
     """
-    source = as_path(path, "path")
-    document = read_json(source, "calibration")
+    document = read_json(path, "calibration")
     names, cameras = [], []
-    with naming_file(source):
+    with naming_file(path):
         for at, sensor in enumerate(list_of(entry(document, "sensors"), "sensors")):
             where = f"sensor {at}"
             name = text_of(entry(sensor, "id", where), f"the id of {where}")

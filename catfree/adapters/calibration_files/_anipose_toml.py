@@ -27,7 +27,7 @@ from catfree.adapters.files._documents import (
 from catfree.adapters.files._toml import read_toml
 from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_path, as_positive
+from catfree.types._validation import as_positive
 
 _LARGEST_FILE = 2**20  # characters; a camera takes about 500, and the parser two seconds at most
 _MOST_DOTS = 64  # a camera has nine decimal points per line
@@ -55,10 +55,9 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         FileFormatError: if it is not TOML of this form.
     """
     scale = as_positive(metres_per_unit, "metres_per_unit")
-    source = as_path(path, "path")
-    document = read_toml(source, "calibration", largest=_LARGEST_FILE, dots=_MOST_DOTS)
+    document = read_toml(path, "calibration", largest=_LARGEST_FILE, dots=_MOST_DOTS)
     names, cameras = [], []
-    with naming_file(source):
+    with naming_file(path):
         for key, camera in document.items():
             if not _is_camera(camera):
                 continue

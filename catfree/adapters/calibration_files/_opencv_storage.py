@@ -21,7 +21,7 @@ from catfree.adapters.files._documents import (
     read_text,
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted
-from catfree.types._validation import as_path, as_paths
+from catfree.types._validation import as_paths
 
 _MATRIX = "opencv-matrix"
 _YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")
@@ -58,8 +58,7 @@ def read_storage(path: StrPath, meaning: str) -> Storage:
         InvalidInputError: if there is no such file.
         FileFormatError: if it is malformed (as when truncated), or holds no numbers.
     """
-    source = as_path(path, "path")
-    text = read_text(source, meaning).strip()
+    text = read_text(path, meaning).strip()
     parse = {"<": _xml_entries, "{": _json_entries}.get(text[:1], _yaml_entries)
     storage = Storage({}, {})
     try:
@@ -74,10 +73,10 @@ def read_storage(path: StrPath, meaning: str) -> Storage:
                 storage.words[name] = " ".join(entry)
     except (ElementTree.ParseError, ValueError, KeyError, RecursionError) as error:
         raise FileFormatError(
-            f"{source} ({meaning}) is malformed ({quoted(error)}). Is the file complete?"
+            f"{path} ({meaning}) is malformed ({quoted(error)}). Is the file complete?"
         ) from error
     if not storage.numbers:
-        raise FileFormatError(f"{source} ({meaning}) holds no numbers as OpenCV writes them.")
+        raise FileFormatError(f"{path} ({meaning}) holds no numbers as OpenCV writes them.")
     return storage
 
 

@@ -29,7 +29,6 @@ from catfree.adapters.files._documents import (
 from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import GeoReference, Lens, Plane, Rig, Scene
 from catfree.types._scene import require_plausible_heights, require_scene
-from catfree.types._validation import as_path
 
 _CONVENTIONS = {
     "camera": "x_camera = R x_world + t; x right, y down, z forward",
@@ -110,9 +109,8 @@ def read_rig_json(path: StrPath) -> NamedRig:
         InvalidInputError: if there is no such file or a camera is invalid.
         FileFormatError: if the file is not JSON of this form.
     """
-    source = as_path(path, "path")
-    document = read_json(source, "rig")
-    with naming_file(source):
+    document = read_json(path, "rig")
+    with naming_file(path):
         return _read_rig(document)
 
 
@@ -129,9 +127,8 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
         InvalidInputError: if there is no such file or a value is invalid.
         FileFormatError: if the file is not JSON of this form.
     """
-    source = as_path(path, "path")
-    document = read_json(source, "scene")
-    with naming_file(source):
+    document = read_json(path, "scene")
+    with naming_file(path):
         named = _read_rig(document)
         ground = entry(document, "ground")
         plane = Plane(

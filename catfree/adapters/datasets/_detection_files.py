@@ -183,8 +183,6 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
         FileFormatError: if it is not such a table, or names a camera that does not exist.
     """
     source = as_path(path, "path")
-    if not source.is_file():
-        raise InvalidInputError(f"There is no file {source} of missing pictures.")
     lines: Sequence[int]
     if source.suffix.lower() == ".parquet":
         columns = read_parquet(source, "missing pictures")

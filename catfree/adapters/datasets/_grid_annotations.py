@@ -1,4 +1,4 @@
-"""The annotation files that WildTrack and MultiviewX share: people on a grid and their boxes."""
+"""What WildTrack and MultiviewX share: a grid of people with their boxes, poses and images."""
 
 import dataclasses
 import re
@@ -6,8 +6,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from catfree.adapters.datasets._sequence import MultiViewSequence, metric_scene
+from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of, rotation_from_vector
+from catfree.adapters.calibration_files._opencv_storage import read_matrices
+from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
 from catfree.adapters.files._documents import (
     entry,
     is_whole,
@@ -18,7 +21,8 @@ from catfree.adapters.files._documents import (
     whole_number,
 )
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.types import Detections, Rig
+from catfree.types import Detections
+from catfree.types._scene import metric_scene
 
 InvalidBoxes = Literal["raise", "drop"]
 
@@ -186,19 +190,32 @@ def read_annotations(
     )
 
 
+def read_pose(path: Path, camera: str) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Read R and t of a camera, named for messages, from a file with `rvec` and `tvec`."""
+    pose = read_matrices(path, f"extrinsics of camera {camera}", {"rvec": (3,), "tvec": (3,)})
+    with naming_file(path):
+        return rotation_from_vector(pose["rvec"], "'rvec'"), pose["tvec"]
+
+
 def grid_sequence(
-    data: GridDataSet, people: Annotations, rig: Rig, root: Path
+    data: GridDataSet, people: Annotations, cameras: list[FileCamera], root: Path
 ) -> MultiViewSequence:
     """Make a sequence from such a data set, in meters, z up, ground z = 0.
 
     Args:
         data: the data set.
         people: the annotations; without any, the frames are those of the images.
-        rig: the cameras in meters.
+        cameras: in meters.
         root: its folder, whose images may be missing.
+
+    Raises:
+        InvalidInputError: if a camera is invalid, or all have most of the grid behind them.
     """
-    images = root / "Image_subsets"
-    frames = people.frames if len(people.frames) else image_numbers(images, data.camera_names)
+    with naming_file(root / "calibrations"):
+        rig = rig_of(cameras)
+        require_people_in_front(rig, data.grid.lattice())
+    images = numbered_images(root, data)
+    frames = people.frames if len(people.frames) else image_numbers(root, data)
     return MultiViewSequence(
         name=data.name,
         detections=people.detections,
@@ -210,22 +227,17 @@ def grid_sequence(
         fps=data.fps,
         evaluation_area=data.grid.area,
         true_centres=np.asarray(rig.centers),
-        images=image_table(images, data.camera_names, frames),
+        images=tuple(tuple(map(files.get, frames.tolist())) for files in images if any(images)),
         identity=people.identity,
     )
 
 
-def image_table(
-    folder: Path, camera_names: tuple[str, ...], frames: np.ndarray
-) -> tuple[tuple[Path | None, ...], ...]:
-    """List (C, F) images `folder/camera/number.png|jpg`, None if missing; () without any image."""
-    of_cameras = [numbered_files(folder / name, "png|jpe?g") for name in camera_names]
-    if not any(of_cameras):
-        return ()
-    return tuple(tuple(files.get(int(frame)) for frame in frames) for files in of_cameras)
+def numbered_images(root: Path, data: GridDataSet) -> list[dict[int, Path]]:
+    """List the images `Image_subsets/CAMERA/NUMBER.png|jpg` of each camera by their numbers."""
+    folders = (root / "Image_subsets" / name for name in data.camera_names)
+    return [numbered_files(folder, "png|jpe?g") for folder in folders]
 
 
-def image_numbers(folder: Path, camera_names: tuple[str, ...]) -> np.ndarray:
-    """List the int64 numbers of the images of any camera, ascending."""
-    of_cameras = (numbered_files(folder / name, "png|jpe?g") for name in camera_names)
-    return np.array(sorted(set().union(*of_cameras)), np.int64)
+def image_numbers(root: Path, data: GridDataSet) -> Int[np.ndarray, " f"]:
+    """List the numbers of the images of any camera, ascending."""
+    return np.array(sorted(set().union(*numbered_images(root, data))), np.int64)

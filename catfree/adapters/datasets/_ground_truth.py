@@ -107,8 +107,7 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
             f"{len(WILDTRACK.camera_names)} and MultiviewX {len(MULTIVIEWX.camera_names)}."
         )
     if data is MULTIVIEWX:
-        images = image_numbers(folder.parent / "Image_subsets", data.camera_names)
-        files = numbered_like_images(files, images)
+        files = numbered_like_images(files, image_numbers(folder.parent, data))
     people = read_annotations(files, data, invalid_boxes="drop", drop_unseen=True)
     frames = people.frames
     is_test = frames >= data.test_from
@@ -142,9 +141,9 @@ def _read_csv(path: Path) -> np.ndarray:
     """Read rows (N, 4) of a CSV file with the columns frame, id (or track_id), x and y.
 
     Raises:
-        FileFormatError: if a column is missing or occurs twice, or a line (which it names) has too
-            few or too many columns or a value that is not a number, or a person of a frame occurs
-            twice.
+        FileFormatError: if a column is missing or occurs twice, or there are no rows; or naming the
+            line that has too few or too many columns, a value that is not a number, or a person for
+            the second time in a frame.
     """
     table = read_csv(path, "ground truth")
     header = [name.lower() for name in table.header]

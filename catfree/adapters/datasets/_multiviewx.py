@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of, rotation_from_vector
+from catfree.adapters.calibration_files._named_rig import FileCamera
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
 from catfree.adapters.datasets._grid_annotations import (
     Annotations,
@@ -16,12 +16,13 @@ from catfree.adapters.datasets._grid_annotations import (
     image_numbers,
     numbered_files,
     read_annotations,
+    read_pose,
 )
-from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
+from catfree.adapters.datasets._sequence import MultiViewSequence
 from catfree.adapters.files._documents import StrPath, naming_file, require_folder
 from catfree.adapters.files._text_rows import read_rows
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.types import Detections, Rig
+from catfree.types import Detections
 
 IMAGE_SIZE = (1920, 1080)
 MULTIVIEWX = GridDataSet(
@@ -79,8 +80,8 @@ def read_multiviewx(
         Hou, Zheng, Gould, Multiview Detection with Feature Perspective Transformation, ECCV 2020.
     """
     root = require_folder(folder, "MultiviewX")
-    rig = _read_rig(root / "calibrations")
-    numbers = image_numbers(root / "Image_subsets", MULTIVIEWX.camera_names)
+    cameras = _read_cameras(root / "calibrations")
+    numbers = image_numbers(root, MULTIVIEWX)
     files = numbered_files(root / "annotations_positions", "json")
     if boxes is None:
         has_matchings = (root / "matchings").is_dir()
@@ -94,7 +95,7 @@ def read_multiviewx(
             invalid_boxes=invalid_boxes,
             drop_unseen=drop_unseen,
         )
-    return grid_sequence(MULTIVIEWX, people, rig, root)
+    return grid_sequence(MULTIVIEWX, people, cameras, root)
 
 
 def numbered_like_images(
@@ -105,7 +106,7 @@ def numbered_like_images(
     return {number - shift: file for number, file in files.items()}
 
 
-def _read_rig(folder: Path) -> Rig:
+def _read_cameras(folder: Path) -> list[FileCamera]:
     cameras = []
     mirror, shift = np.diag([1.0, -1.0, 1.0]), np.array([0.0, _DEPTH, 0.0])
     center = np.array([MULTIVIEWX.grid.area[1] / 2, MULTIVIEWX.grid.area[3] / 2, 0.0])
@@ -116,21 +117,16 @@ def _read_rig(folder: Path) -> Rig:
             {"camera_matrix": (3, 3)},
         )
         path = folder / "extrinsic" / f"extr_Camera{camera}.xml"
-        outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
-        with naming_file(path):
-            published = rotation_from_vector(outer["rvec"], "'rvec'")
-        if (published @ center + outer["tvec"])[2] >= 0:
+        R, t = read_pose(path, name)
+        if (R @ center + t)[2] >= 0:
             raise InvalidInputError(
                 f"{path}: camera {name} has the square at positive depth, unlike the published "
                 "left-handed calibration. Read a corrected calibration with another reader."
             )
         # x = R' X' + t' with X = F X' + c mirrored, and -x is the same pixel at positive depth.
-        t = published @ mirror @ shift - outer["tvec"]
-        cameras.append(FileCamera(inner["camera_matrix"], -published @ mirror, t, IMAGE_SIZE))
-    with naming_file(folder):
-        rig = rig_of(cameras)
-        require_people_in_front(rig, MULTIVIEWX.grid.lattice())
-        return rig
+        t = R @ mirror @ shift - t
+        cameras.append(FileCamera(inner["camera_matrix"], -R @ mirror, t, IMAGE_SIZE))
+    return cameras
 
 
 def first_annotation_number(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:

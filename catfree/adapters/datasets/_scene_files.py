@@ -97,15 +97,13 @@ def read_scene(
             other = Scene.from_rig(scene.rig, ground, scene.metric)
         return replace(other, rig_sd=scene.rig_sd), names
     rig, scale = found.rig, METERS[unit]
-    at_zero = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
     if ground is None:
         heights = np.asarray(rig.centers)[rig.registered, 2]
         # Boards that lie on the floor often have their z axis pointing into it.
-        if len(heights) and np.median(heights) < 0:
-            at_zero = Plane(np.array([0.0, 0.0, -1.0]), 0.0)
-        require_sight_of(rig, at_zero, source)
-    plane = at_zero if ground is None else ground
-    plane = Plane(np.asarray(plane.normal), np.asarray(plane.offset) * scale)
+        up = -1.0 if len(heights) and np.median(heights) < 0 else 1.0
+        ground = Plane(np.array([0.0, 0.0, up]), 0.0)
+        require_sight_of(rig, ground, source)
+    plane = Plane(np.asarray(ground.normal), np.asarray(ground.offset) * scale)
     scaled = replace(rig, t=np.asarray(rig.t) * scale) if scale != 1 else rig
     with naming_file(source):
         scene = Scene.from_rig(scaled, plane, metric=unit != "arbitrary")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError
-from catfree.types import Detections, Plane, Rig, Scene
+from catfree.types import Detections, Rig, Scene
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -89,11 +89,6 @@ class MultiViewSequence:
             images=tuple(tuple(row[i] for i in columns) for row in self.images),
             identity=None if self.identity is None else self.identity[rows],
         )
-
-
-def metric_scene(rig: Rig) -> Scene:
-    """Make the scene of a rig in meters, z up, above the ground z = 0."""
-    return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
 
 
 def require_people_in_front(rig: Rig, positions: np.ndarray) -> None:

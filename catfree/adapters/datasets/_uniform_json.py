@@ -9,11 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.adapters.calibration_files._named_rig import FileCamera, lens_coefficients, rig_of
-from catfree.adapters.datasets._sequence import (
-    MultiViewSequence,
-    metric_scene,
-    require_people_in_front,
-)
+from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
@@ -26,10 +22,12 @@ from catfree.adapters.files._documents import (
     text_of,
     whole_number,
 )
+from catfree.adapters.files._text_rows import naming_row
 from catfree.adapters.protocols import ankles_confirmed
 from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Detections, Rig
-from catfree.types._validation import as_path, as_positive, require_boxes
+from catfree.types._scene import metric_scene
+from catfree.types._validation import as_path, as_positive
 
 
 def read_uniform_json(
@@ -157,10 +155,10 @@ class _BoxTable:
         keypoints = self.column("kpts", (17, 3))
         ankles = None if keypoints is None else ankles_confirmed(keypoints)
         score = self.column("score", ())
-        require_boxes(len(box), box, score, keypoints, self.place)
         embedding = None if vectors is None else self.embedding(vectors)
         frame, camera = (np.array([row[at] for row in self.rows], np.int64) for at in (0, 1))
-        return Detections(frame, camera, box, score, ankles, embedding, keypoints)
+        with naming_row(lambda row: f"of {self.place(row)}"):
+            return Detections(frame, camera, box, score, ankles, embedding, keypoints)
 
     def embedding(self, vectors: Float[np.ndarray, "row d"]) -> Float[np.ndarray, "n d"]:
         """Return the row of the appearance vectors that each box selects."""

@@ -2,12 +2,7 @@
 
 from pathlib import Path
 
-from catfree.adapters.calibration_files._named_rig import (
-    FileCamera,
-    lens_coefficients,
-    rig_of,
-    rotation_from_vector,
-)
+from catfree.adapters.calibration_files._named_rig import FileCamera, lens_coefficients
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
 from catfree.adapters.datasets._grid_annotations import (
     Grid,
@@ -16,10 +11,10 @@ from catfree.adapters.datasets._grid_annotations import (
     grid_sequence,
     numbered_files,
     read_annotations,
+    read_pose,
 )
-from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
-from catfree.adapters.files._documents import StrPath, naming_file, require_folder
-from catfree.types import Rig
+from catfree.adapters.datasets._sequence import MultiViewSequence
+from catfree.adapters.files._documents import StrPath, require_folder
 
 # Folder C1 holds the images of the camera that calibration files call CVLab1, and so on.
 CAMERAS = {
@@ -79,15 +74,15 @@ def read_wildtrack(
         Detection, CVPR 2018.
     """
     root = require_folder(folder, "WildTrack")
-    rig = _read_rig(root / "calibrations", undistorted)
+    cameras = _read_cameras(root / "calibrations", undistorted)
     files = numbered_files(root / "annotations_positions", "json")
     people = read_annotations(
         files, WILDTRACK, invalid_boxes=invalid_boxes, drop_unseen=drop_unseen
     )
-    return grid_sequence(WILDTRACK, people, rig, root)
+    return grid_sequence(WILDTRACK, people, cameras, root)
 
 
-def _read_rig(folder: Path, undistorted: bool) -> Rig:
+def _read_cameras(folder: Path, undistorted: bool) -> list[FileCamera]:
     cameras = []
     for name, label in CAMERAS.items():
         kind = "intrinsic_zero" if undistorted else "intrinsic_original"
@@ -97,13 +92,7 @@ def _read_rig(folder: Path, undistorted: bool) -> Rig:
             {"camera_matrix": (3, 3), "distortion_coefficients": (5,)},
         )
         lens = lens_coefficients(inner["distortion_coefficients"], f"camera {name}")
-        path = folder / "extrinsic" / f"extr_{label}.xml"
-        outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
-        with naming_file(path):
-            R = rotation_from_vector(outer["rvec"], "'rvec'")
-        t = outer["tvec"] * _METERS_PER_UNIT
+        R, t = read_pose(folder / "extrinsic" / f"extr_{label}.xml", name)
+        t = t * _METERS_PER_UNIT
         cameras.append(FileCamera(inner["camera_matrix"], R, t, IMAGE_SIZE, lens))
-    with naming_file(folder):
-        rig = rig_of(cameras)
-        require_people_in_front(rig, WILDTRACK.grid.lattice())
-        return rig
+    return cameras

@@ -20,9 +20,8 @@ def suppress_boxes(
     box: Float[np.ndarray, "n 4"],
     score: Float[np.ndarray, " n"],
     maximum_overlap: float,
-    *,
-    window: Int[np.ndarray, " n"] | None = None,
-    maximum_overlap_across: float | None = None,
+    window: Int[np.ndarray, " n"],
+    maximum_overlap_across: float,
 ) -> Int[np.ndarray, " k"]:
     """Drop boxes greedily that overlap a better kept box too much.
 
@@ -31,20 +30,18 @@ def suppress_boxes(
     Args:
         box: (n, 4) xyxy in pixels.
         score: (n,) higher is better; ties keep the earlier row.
-        maximum_overlap: largest IoU of two kept boxes.
-        window: (n,) the window of the picture in which each box was found, if there are several.
-        maximum_overlap_across: the same for two boxes found in different windows; None for equal.
+        maximum_overlap: largest IoU of two kept boxes of one window.
+        window: (n,) the window of the picture in which each box was found.
+        maximum_overlap_across: largest IoU of two kept boxes of different windows.
 
     Returns:
         (k,) rows to keep, best first.
     """
-    source = np.zeros(len(box), np.int64) if window is None else window
-    across = maximum_overlap if maximum_overlap_across is None else maximum_overlap_across
     order = np.argsort(-score, kind="stable")
     keep = []
     while order.size:
         best, others = order[0], order[1:]
         keep.append(best)
-        limit = np.where(source[others] == source[best], maximum_overlap, across)
+        limit = np.where(window[others] == window[best], maximum_overlap, maximum_overlap_across)
         order = others[box_overlap(box[best][None, :], box[others])[0] <= limit]
     return np.array(keep, np.int64)

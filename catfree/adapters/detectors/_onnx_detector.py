@@ -140,12 +140,7 @@ class OnnxDetector(ABC):
                 confidence = np.clip(decoded.keypoints[..., 2:], 0, 1)
                 keypoints.append(np.concatenate([xy, confidence], axis=-1)[keep])
         box, score = np.concatenate(boxes), np.clip(np.concatenate(scores), 0, 1)
-        kept = suppress_boxes(
-            box,
-            score,
-            self._maximum_overlap,
-            window=np.concatenate(sources),
-            maximum_overlap_across=OVERLAP_ACROSS_WINDOWS,
-        )
+        source, limit = np.concatenate(sources), self._maximum_overlap
+        kept = suppress_boxes(box, score, limit, source, OVERLAP_ACROSS_WINDOWS)
         pose = np.concatenate(keypoints)[kept] if keypoints else None
         return FrameDetections(box[kept], score[kept], pose)

@@ -4,7 +4,7 @@ import contextlib
 import csv
 import io
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -90,21 +90,28 @@ def read_csv(path: StrPath, meaning: str) -> CsvTable:
 
 @contextlib.contextmanager
 def naming_line(source: StrPath, lines: Sequence[int] | None) -> Iterator[None]:
-    """Do what `naming_file` does, and name the line in errors that begin with `column[row]`.
+    """Do what `naming_file` and `naming_row` do.
 
     Args:
         source: the file.
         lines: (N,) number of the line of each row; None for a file without lines.
     """
-    with naming_file(source):
-        try:
-            yield
-        except (FileFormatError, InvalidInputError) as error:
-            entry = _ROW.match(str(error))
-            if entry is None or lines is None:
-                raise
-            rest = str(error)[entry.end() :]
-            raise type(error)(f"{entry[1]} in line {lines[int(entry[2])]}{rest}") from error
+    place = None if lines is None else (lambda row: f"in line {lines[row]}")
+    with naming_file(source), naming_row(place):
+        yield
+
+
+@contextlib.contextmanager
+def naming_row(place: Callable[[int], str] | None) -> Iterator[None]:
+    """Name the place of a row, if it is known, in errors that begin with `column[row]`."""
+    try:
+        yield
+    except (FileFormatError, InvalidInputError) as error:
+        entry = _ROW.match(str(error))
+        if entry is None or place is None:
+            raise
+        rest = str(error)[entry.end() :]
+        raise type(error)(f"{entry[1]} {place(int(entry[2]))}{rest}") from error
 
 
 def read_rows(

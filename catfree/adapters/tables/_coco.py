@@ -20,7 +20,6 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Detections
-from catfree.types._validation import as_path
 
 PERSON = 1  # COCO's category of people
 _DIGITS = re.compile(r"\d+")
@@ -64,20 +63,19 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
 
     Raises:
         InvalidInputError: if there is no such file, or a box has no area or a score is invalid.
-        FileFormatError: naming the first entry that has another form, or whose image is unknown,
-            two images of one camera and frame, or an image of another size than the camera's first,
-            or if no box is of a person.
+        FileFormatError: naming the first entry that has another form or an unknown image, the first
+            image that shares camera and frame with another or differs in size from the camera's
+            first, or if no box is of a person.
     """
-    source = as_path(path, "path")
-    document = read_json(source, "boxes in COCO's form")
+    document = read_json(path, "boxes in COCO's form")
     described = document if isinstance(document, dict) else None
     images_by_id = {}
     if images is not None:
         described = read_json(images, "images in COCO's form")
     if described is not None:
-        with naming_file(images or source):
+        with naming_file(images or path):
             images_by_id = _images(described)
-    with naming_file(source):
+    with naming_file(path):
         rows = entry(document, "annotations") if isinstance(document, dict) else document
         rows = list_of(rows, "the boxes in COCO's form")
         return _boxes(rows, None if described is None else images_by_id, _people(described))

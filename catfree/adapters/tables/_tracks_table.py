@@ -18,7 +18,7 @@ from catfree.adapters.tables._parquet import read_parquet, write_parquet
 from catfree.errors import FileFormatError, quoted
 from catfree.types import Clock, Origin, Plane, Tracks
 from catfree.types._clock import ABSOLUTE
-from catfree.types._validation import as_path, require_instance
+from catfree.types._validation import require_instance
 from catfree.types.results import require_sound_tracks, symmetric
 
 _COLUMNS = (
@@ -94,11 +94,10 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         FileFormatError: naming the first malformed column or line, or if the times are not those
             of one clock.
     """
-    source = as_path(path, "path")
-    table = read_csv(source, "tracks")
+    table = read_csv(path, "tracks")
     missing = [name for name in _COLUMNS if name not in table.header]
     if missing:
-        raise FileFormatError(f"{source} has no column {missing[0]!r}; is it a table of tracks?")
+        raise FileFormatError(f"{path} has no column {missing[0]!r}; is it a table of tracks?")
     column = {}
     for name, values in table.columns(once=table.header).items():
         try:
@@ -110,7 +109,7 @@ def read_tracks_csv(path: StrPath) -> Tracks:
                 column[name] = np.array(values, np.int64 if name in _WHOLE else np.float64)
         except (ValueError, KeyError, OverflowError) as error:
             raise FileFormatError(
-                f"{source}: column {quoted(name)} is invalid: {quoted(error)}."
+                f"{path}: column {quoted(name)} is invalid: {quoted(error)}."
             ) from error
     velocity = velocity_covariance = None
     if all(name in column for name in _VELOCITY):
@@ -129,9 +128,9 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         existence=column.get("existence"),
         velocity=velocity,
         velocity_covariance=velocity_covariance,
-        clock=_clock_of(source, column["frame"], column.get(_TIME)),
+        clock=_clock_of(path, column["frame"], column.get(_TIME)),
     )
-    with naming_file(source):
+    with naming_file(path):
         require_sound_tracks(tracks)
     return tracks
 
@@ -180,7 +179,7 @@ def read_tracks_parquet(path: StrPath, ground: Plane | None = None) -> Tracks:
         return Tracks.from_arrow(table, ground)
 
 
-def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock | None:
+def _clock_of(path: StrPath, frame: np.ndarray, time: np.ndarray | None) -> Clock | None:
     """Return the clock that gives frames their times, or None if fewer than two frames have any."""
     if time is None or len(np.unique(frame)) < 2:
         return None
@@ -199,7 +198,7 @@ def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock
         start = float(time[first] - frame[first] / mean_rate)
         if (np.abs(Clock(mean_rate, start).seconds(frame) - time) <= _OFF_CLOCK).all():
             return Clock(mean_rate, start, utc)
-    raise FileFormatError(f"{source}: column {_TIME!r} is invalid: no clock gives these times.")
+    raise FileFormatError(f"{path}: column {_TIME!r} is invalid: no clock gives these times.")
 
 
 def _columns(tracks: Tracks) -> dict[str, np.ndarray]:

@@ -13,7 +13,6 @@ from catfree.types._clock import ABSOLUTE
 from catfree.types._validation import (
     as_finite,
     as_positive,
-    first_index,
     require_instance,
 )
 
@@ -193,7 +192,7 @@ def _increasing(values: Any, camera: int) -> Times:
     name = f"timestamps[{camera}]"
     times = as_finite(values, (None,), name)
     if (np.diff(times) <= 0).any():
-        at = int(first_index(np.diff(times) <= 0)) + 1
+        at = int(np.argmax(np.diff(times) <= 0)) + 1
         raise InvalidInputError(
             f"{name}[{at}] is {times[at]:.6f}, not after {times[at - 1]:.6f} before it; times of "
             "frames must increase."

@@ -84,7 +84,7 @@ def detect_videos(
 def fit_to_cameras(
     videos: SynchronizedVideos,
     detector: Detector | FittedToCamera,
-    progress: Progress = no_progress,
+    progress: Progress,
     *,
     known: Mapping[int, Detector] | None = None,
     learned: Callable[[int, Detector], None] | None = None,

@@ -54,7 +54,7 @@ class CameraFootage:
         fps: frames per second, or None if unknown.
         seconds: from the first frame to the end of the last, or None if unknown.
         image_size: width and height in pixels.
-        available: the ticks that this camera alone would deliver, up to those that it dropped.
+        available: the ticks that this camera alone would deliver if it had dropped none.
         dropped: instants between its first and last frame near which it has none.
         pictures: delivered instants that it shows.
     """

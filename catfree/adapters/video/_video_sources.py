@@ -228,7 +228,7 @@ class VideoFile:
 class CaptureReader:
     """Decodes forward; jumps ahead only where the times of the frames confirm the place."""
 
-    def __init__(self, path: Path, number: Callable[[float], int] | None = None) -> None:
+    def __init__(self, path: Path, number: Callable[[float], int] | None) -> None:
         """Open the file.
 
         Args:

@@ -18,8 +18,9 @@ from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
-from catfree.types import Detections, Plane, Rig, Scene
+from catfree.types import Detections, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._scene import metric_scene
 from catfree.types._validation import (
     as_count,
     as_integer,
@@ -232,7 +233,7 @@ def scene_of(
     distortion = np.zeros((len(k1), 5))
     distortion[:, 0] = np.where(registered, k1, 0.0)
     rig = Rig(K, R, t, size, distortion if distortion.any() else None, registered)
-    return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
+    return metric_scene(rig)
 
 
 def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:

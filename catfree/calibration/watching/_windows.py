@@ -14,6 +14,7 @@ from catfree.methods import localize
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._detections import is_confident
 from catfree.types._processes import require_own_process
 from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, require_instance
@@ -84,10 +85,8 @@ def watch_windows(
         localization = localize(detections, scene, settings, progress)
     require_instance(localization, Localization, "localization")
     localization.require_detections(detections)
-    confident = detections
-    if detections.score is not None:
-        keep = detections.score >= settings.confidence
-        confident, localization = detections[keep], _of_rows(localization, keep)
+    keep = is_confident(detections, settings.confidence)
+    confident, localization = detections[keep], _of_rows(localization, keep)
     if not np.asarray(scene.rig.registered)[confident.camera].any():
         raise InsufficientDataError(
             "Checking a rig needs confident boxes of its registered cameras, but there are none. "

@@ -11,8 +11,8 @@ from jaxtyping import jaxtyped
 from catfree.errors import InvalidInputError, quoted
 from catfree.types import Detections
 from catfree.types._validation import (
-    first_index,
     options_of,
+    refuse,
     require_known_cameras,
     require_shape,
 )
@@ -109,6 +109,4 @@ def _require_numbers(value: np.ndarray, field: str, name: str, cameras: int) -> 
         good &= (variance > 0)[:, None]
     if field in _PICTURES:
         good[:, 1] &= (value[:, 1] >= 0) & (value[:, 1] < cameras)
-    if not good.all():
-        entry = f"{name}[{first_index(~good)}]" if good.ndim else name
-        raise InvalidInputError(f"{entry} is {value[~good][0]}, which no tracker has there.")
+    refuse(~good, value, name, ", which no tracker has there.")

@@ -14,6 +14,7 @@ from catfree.synthetic._silhouettes import FREE_SPEED, STRIDE_SHARE, swing_leg
 SIDES = 10  # sides of a tube's cross-section
 LEG_BONE = 0.234  # thigh and shank are of one length
 UPPER_ARM, FOREARM = 0.165, 0.145
+RIGHT, AHEAD, UP = np.eye(3)
 
 # Parts with their own color.
 SHIRT, SLEEVE, FOREARM_PART, TROUSERS, SHANK_PART, SHOES, SKIN, HAIR, BAG = range(9)
@@ -123,10 +124,7 @@ def _still(rings: np.ndarray, bob: np.ndarray) -> np.ndarray:
     center = np.broadcast_to(rings[:, :3], (len(bob), len(rings), 3)).copy()
     # The crown keeps its height, so that drawn people have their true height.
     center[..., 2] += bob[:, None] * np.clip((1.0 - rings[:, 2]) / 0.15, 0, 1)
-    radius = np.broadcast_to(rings[:, 3:], (len(bob), len(rings), 2))
-    across = np.broadcast_to(np.array([1.0, 0, 0]), center.shape)
-    along = np.broadcast_to(np.array([0, 1.0, 0]), center.shape)
-    return _sweep(center, across, along, radius)
+    return _sweep(center, RIGHT, AHEAD, rings[:, 3:])
 
 
 def _leg(side: int, ahead: np.ndarray, ankle: np.ndarray, bob: np.ndarray) -> np.ndarray:
@@ -149,10 +147,8 @@ def _shoe(side: int, ahead: np.ndarray, lift: np.ndarray, heel: np.ndarray) -> n
     z = lift[:, None] + heel[:, None] * np.clip(1 - share / 0.85, 0, 1) + rise
     radius = np.array([[0.008, 0.01], [0.024, 0.025], [0.026, 0.025], [0.025, 0.018], [0.01, 0.01]])
     center = np.stack([np.full_like(y, side * 0.055), y, z], -1)
-    across = np.broadcast_to(np.array([1.0, 0, 0]), center.shape)
-    up = np.broadcast_to(np.array([0, 0, 1.0]), center.shape)
     # Swept forward: right x up points backward, so the cross-section runs the other way.
-    return _sweep(center, -across, up, np.broadcast_to(radius, (*y.shape, 2)))
+    return _sweep(center, -RIGHT, UP, radius)
 
 
 def _arm(side: int, angle: np.ndarray, bob: np.ndarray) -> np.ndarray:
@@ -193,22 +189,24 @@ def _sagittal(x: np.ndarray, path: np.ndarray, radius: np.ndarray) -> np.ndarray
     center = np.concatenate([x[..., None], path], -1)
     step = np.gradient(path, axis=1)
     step = step / np.maximum(np.linalg.norm(step, axis=-1, keepdims=True), 1e-9)
-    across = np.broadcast_to(np.array([1.0, 0, 0]), center.shape)
     zero = np.zeros(step.shape[:2])
     # Downward paths: `ahead` is the step turned by 90 degrees towards +y.
     ahead = np.stack([zero, -step[..., 1], step[..., 0]], -1)
-    return _sweep(center, -across, ahead, np.broadcast_to(radius, (*x.shape, 2)))
+    return _sweep(center, -RIGHT, ahead, radius)
 
 
 def _sweep(
     center: np.ndarray, first: np.ndarray, second: np.ndarray, radius: np.ndarray
 ) -> np.ndarray:
-    """Vertices (N, rings * SIDES, 3) of elliptic rings around centers."""
+    """Vertices (N, rings * SIDES, 3) of elliptic rings around centers (N, rings, 3).
+
+    The half axes of each ring are the products of `radius` (rings, 2) with two directions.
+    """
     angle = np.arange(SIDES) * 2 * np.pi / SIDES
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     ring = (
         center[:, :, None]
-        + radius[:, :, None, :1] * c * first[:, :, None]
-        + radius[:, :, None, 1:] * s * second[:, :, None]
+        + radius[:, None, :1] * c * first[..., None, :]
+        + radius[:, None, 1:] * s * second[..., None, :]
     )
     return ring.reshape(len(center), -1, 3)

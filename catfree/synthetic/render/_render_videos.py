@@ -26,7 +26,7 @@ from catfree.synthetic.render._painter import Painter
 from catfree.synthetic.render._stage import Stage, build_stage, street_furniture
 from catfree.synthetic.render._textures import ground_picture
 from catfree.types import Rig
-from catfree.types._annotations import Progress
+from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import processor_count
 from catfree.types._writing import make_folder, remove_abandoned, replacement
 
@@ -114,21 +114,20 @@ def render_videos(
     workers = min(processor_count(), cameras) if workers is None else workers
     if workers < 1:
         raise InvalidInputError(f"workers is {workers}; it must be at least 1.")
-    total = cameras * len(world.walkers.present)
+    total, report = cameras * len(world.walkers.present), progress or no_progress
     if workers == 1:
         done, ground = 0, ground_picture(stage)
         for task in tasks:
             for count in _render_camera(*task, ground):
                 done += count
-                if progress is not None:
-                    progress(STAGE_NAME, done, total)
+                report(STAGE_NAME, done, total)
     else:
-        _render_in_processes(tasks, workers, total, progress)
+        _render_in_processes(tasks, workers, total, report)
     return paths
 
 
 def _render_in_processes(
-    tasks: list[tuple[Any, ...]], workers: int, total: int, progress: Progress | None
+    tasks: list[tuple[Any, ...]], workers: int, total: int, progress: Progress
 ) -> None:
     context = multiprocessing.get_context("spawn")  # OpenCV's threads do not survive a fork
     reports = context.SimpleQueue()
@@ -138,8 +137,7 @@ def _render_in_processes(
         nonlocal done
         while not reports.empty():
             done += reports.get()
-            if progress is not None:
-                progress(STAGE_NAME, done, total)
+            progress(STAGE_NAME, done, total)
 
     try:
         with ProcessPoolExecutor(

@@ -55,6 +55,9 @@ class Block:
     color: Color
 
 
+Solid = Sphere | Cylinder | Block
+
+
 @dataclass(frozen=True)
 class Stage:
     """Everything that does not move.
@@ -75,7 +78,7 @@ class Stage:
     sunlight: float
     skylight: float
     shadow_blur: float
-    solids: tuple[Sphere | Cylinder | Block, ...]
+    solids: tuple[Solid, ...]
     seed: int
 
     @property
@@ -189,7 +192,7 @@ def build_stage(
     )
 
 
-def _furniture(rng: np.random.Generator, column: np.ndarray) -> list[Sphere | Cylinder | Block]:
+def _furniture(rng: np.random.Generator, column: np.ndarray) -> list[Solid]:
     """Solids of the furniture that a column of this radius and height represents."""
     place, radius, height = column[:2], float(column[2]), float(column[3])
     if height >= 3.5 or radius < 0.4:
@@ -206,7 +209,7 @@ def _furniture(rng: np.random.Generator, column: np.ndarray) -> list[Sphere | Cy
             Cylinder(place, radius * 1.08, 0.0, 0.3, (0.3, 0.3, 0.32)),
         ]
     if height > 0.5:
-        planter: list[Sphere | Cylinder | Block] = [
+        planter: list[Solid] = [
             Cylinder(place, radius, 0.0, 0.6 * height, (0.42, 0.47, 0.52), "bricks"),
         ]
         for _ in range(9):
@@ -220,7 +223,7 @@ def _furniture(rng: np.random.Generator, column: np.ndarray) -> list[Sphere | Cy
     across = np.array([-along[1], along[0]])
     wood, iron = (0.22, 0.36, 0.52), (0.2, 0.2, 0.2)
     slat = np.array([0.95 * radius, 0.07])
-    bench: list[Sphere | Cylinder | Block] = [
+    bench: list[Solid] = [
         Block(place + across * shift, slat, height - 0.05, height, angle, wood)
         for shift in (-0.17, 0.0, 0.17)
     ]
@@ -244,11 +247,9 @@ def _tree_places(rng: np.random.Generator, middle: np.ndarray, front: np.ndarray
     return np.array(places)
 
 
-def _tree(rng: np.random.Generator, place: np.ndarray) -> list[Sphere | Cylinder | Block]:
+def _tree(rng: np.random.Generator, place: np.ndarray) -> list[Solid]:
     trunk = rng.uniform(1.9, 2.6)
-    tree: list[Sphere | Cylinder | Block] = [
-        Cylinder(place, 0.16, 0.0, trunk + 0.8, (0.2, 0.27, 0.34), "bark")
-    ]
+    tree: list[Solid] = [Cylinder(place, 0.16, 0.0, trunk + 0.8, (0.2, 0.27, 0.34), "bark")]
     tone = rng.uniform(-0.05, 0.05)
     for _ in range(12):
         shift = np.array([*(rng.uniform(0.2, 1.1) * _bearing(rng)), rng.uniform(0.2, 2.0)])

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from catfree.synthetic.render._stage import LAWN_WIDTH, PLAZA_MARGIN, Block, Cylinder, Sphere, Stage
+from catfree.synthetic.render._stage import LAWN_WIDTH, PLAZA_MARGIN, Cylinder, Solid, Sphere, Stage
 
 TEXEL = 0.025  # meters of ground per texel
 FRONT_TEXEL = 0.04  # meters of house front per texel
@@ -117,7 +117,7 @@ def _contact_shadows(stage: Stage, shape: tuple[int, int]) -> Float[np.ndarray, 
     return 1 - 0.5 * soft.astype(np.float32) / 255
 
 
-def solid_outline(solid: Sphere | Cylinder | Block) -> Float[np.ndarray, "n 3"]:
+def solid_outline(solid: Solid) -> Float[np.ndarray, "n 3"]:
     """Points whose convex hull is the solid, in meters."""
     angle = np.arange(16) * np.pi / 8
     circle = np.stack([np.cos(angle), np.sin(angle)], -1)

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError
 from catfree.types._detections import Detections
-from catfree.types._validation import as_count, first_index, require_finite
+from catfree.types._validation import as_count, refuse, require_finite
 from catfree.types.results._tracks import Tracks, require, require_sound_tracks
 
 
@@ -126,9 +126,9 @@ class Reliability(eqx.Module):
         expectation_note: why MODA cannot be estimated, or None.
         ground_height: median height above the ground of where the foot rays of one person meet, in
             scene units, negative below it; NaN for few people, None if the method gives none.
-        lens_bend: largest angle by which people near the border of a camera's image are off the
-            places where the others see them, as a wrong lens leaves it, in radians; 0 if that is
-            not significant, None if the method gives none.
+        lens_bend: how wrong a camera's lens seems: the largest angle in radians between people
+            near the border of its image and where the other cameras see them; 0 if that is not
+            significant, None if the method gives none.
         pattern_share: largest share of the variance of a camera's residuals that a clock that is
             off or a move of the camera explains, beyond chance; None if the method gives none.
         least_together: how often two cameras see a walking person together, over how often they
@@ -203,12 +203,11 @@ class Localization(eqx.Module):
         self.thresholds, self.reliability = thresholds, reliability
         self.detection_count = as_count(detection_count, "detection_count")
         self.warnings = tuple(warnings)
-        beyond = tracks.support >= self.detection_count
-        if beyond.any():
-            raise InvalidInputError(
-                f"tracks.support[{first_index(beyond)}] is {tracks.support[beyond][0]}, but there "
-                f"are {self.detection_count} detections. Pass their number as detection_count."
-            )
+        fault = (
+            f", but there are {self.detection_count} detections. Pass their number as "
+            "detection_count."
+        )
+        refuse(tracks.support >= self.detection_count, tracks.support, "tracks.support", fault)
 
     @property
     def identity(self) -> Int[np.ndarray, " n"]:

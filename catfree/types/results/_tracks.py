@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int, UInt64
 
-from catfree.errors import InvalidInputError, needing, quoted
+from catfree.errors import InvalidInputError, needing
 from catfree.types._archive import load_record, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._detections import Detections, require_pandas
@@ -20,7 +20,7 @@ from catfree.types._validation import (
     as_count,
     as_float,
     as_integer,
-    first_index,
+    refuse,
     require_declared_types,
     require_finite,
     require_shape,
@@ -188,12 +188,8 @@ class Tracks(eqx.Module):
             )
         for name, shape in shapes.items():
             require_shape(getattr(self, name), shape, name)
-        if (self.support < -1).any():
-            at = first_index(self.support < -1)
-            raise InvalidInputError(
-                f"support[{at}] is {self.support[self.support < -1][0]}; it must be a row of the "
-                "detections, or -1 for none."
-            )
+        fault = "; it must be a row of the detections, or -1 for none."
+        refuse(self.support < -1, self.support, "support", fault)
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -439,6 +435,5 @@ def require_sound_tracks(tracks: Tracks) -> None:
 
 
 def require(good: Any, values: Any, name: str, meaning: str) -> None:
-    if not np.all(good):
-        at, bad_value = first_index(~good), quoted(values[~good][0].item())
-        raise InvalidInputError(f"{name}[{at}] is {bad_value}, not {meaning}.")
+    """Raise unless all values are what they mean, naming the first that is not."""
+    refuse(~good, values, name, f", not {meaning}.")

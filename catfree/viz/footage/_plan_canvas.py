@@ -123,9 +123,6 @@ def draw_dot(
     import cv2
 
     center, radius = (round(float(at[0])), round(float(at[1]))), max(2, round(DOT * stroke))
-    color = track_color(identity)
-    cv2.circle(image, center, radius + max(1, round(stroke)), (255, 255, 255), -1, cv2.LINE_AA)
-    if hollow:
-        cv2.circle(image, center, radius, color, max(1, round(stroke)), cv2.LINE_AA)
-    else:
-        cv2.circle(image, center, radius, color, -1, cv2.LINE_AA)
+    color, line = track_color(identity), max(1, round(stroke))
+    cv2.circle(image, center, radius + line, (255, 255, 255), -1, cv2.LINE_AA)
+    cv2.circle(image, center, radius, color, line if hollow else -1, cv2.LINE_AA)

@@ -150,12 +150,11 @@ def _caption(excerpt: Excerpt, pictures: str | None) -> str:
 def _labels(frames: Int[np.ndarray, " t"], clock: Clock | None) -> list[str]:
     if clock is None:
         return [f"frame {frame}" for frame in frames]
-    if not clock.utc:
-        return [
-            f"frame {f} · {s:.2f} s" for f, s in zip(frames, clock.seconds(frames), strict=True)
-        ]
-    instants = [Clock(clock.frame_rate, s, True).describe() for s in clock.seconds(frames)]
-    return [f"frame {f} · {name}" for f, name in zip(frames, instants, strict=True)]
+    times = [
+        Clock(clock.frame_rate, second, True).describe() if clock.utc else f"{second:.2f} s"
+        for second in clock.seconds(frames)
+    ]
+    return [f"frame {frame} · {time}" for frame, time in zip(frames, times, strict=True)]
 
 
 def _starts(frame: Int[np.ndarray, " m"], frames: Int[np.ndarray, " t"]) -> list[int]:

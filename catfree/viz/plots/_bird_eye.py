@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from catfree.errors import InvalidInputError
+from catfree.evaluation._rows import as_rows
 from catfree.types import Localization, Origin, Scene, Tracks
 from catfree.types._validation import as_area
 from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
@@ -66,7 +67,8 @@ def plot_bird_eye(
     if not 0 < confidence < 1:
         raise InvalidInputError(f"confidence is {confidence}; it must be between 0 and 1.")
     outline = None if area is None else as_area(area)
-    tracks, truth = localization.tracks, _rows(ground_truth)
+    tracks = localization.tracks
+    truth = as_rows([] if ground_truth is None else ground_truth, "ground_truth")
     if frames is not None:
         chosen = np.unique(np.asarray(list(frames), np.int64))
         tracks = tracks[np.isin(tracks.frame, chosen)]
@@ -120,17 +122,6 @@ def draw_cameras(ax: "Axes", scene: Scene, names: Sequence[str]) -> np.ndarray:
     at, half = ax.transData.transform(np.asarray(anchors)), 4.0
     squares = np.concatenate([at - half, at + half], axis=-1)
     return _write(ax, anchors, texts, [color] * len(texts), squares, size=9.0, weight="bold")
-
-
-def _rows(ground_truth: Any) -> np.ndarray:
-    if ground_truth is None or np.size(ground_truth) == 0:
-        return np.zeros((0, 4))
-    rows = np.asarray(ground_truth, np.float64)
-    if rows.ndim != 2 or rows.shape[1] != 4:
-        raise InvalidInputError(
-            f"ground_truth must have shape (N, 4) with columns [frame, id, x, y], got {rows.shape}."
-        )
-    return rows
 
 
 def _draw_tracks(

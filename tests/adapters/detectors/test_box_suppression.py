@@ -16,7 +16,7 @@ boxes = (
 @given(boxes, st.floats(0.05, 1))
 def test_survivors_do_not_overlap_and_the_rest_overlap_a_better_survivor(box, limit):
     score = np.linspace(1, 0.1, len(box))
-    keep = suppress_boxes(box, score, limit)
+    keep = suppress_boxes(box, score, limit, np.zeros(len(box), int), limit)
     overlap = box_overlap(box, box)
     np.fill_diagonal(overlap, 0)
     assert (overlap[np.ix_(keep, keep)] <= limit).all()
@@ -29,16 +29,17 @@ def test_same_rows_as_opencv(box, limit):
     score = np.linspace(0.9, 0.1, len(box)).astype(np.float32)
     xywh = np.concatenate([box[:, :2], box[:, 2:] - box[:, :2]], axis=1)
     expected = cv2.dnn.NMSBoxes(xywh.tolist(), score.tolist(), 0.0, limit)
-    np.testing.assert_array_equal(suppress_boxes(box, score, limit), np.ravel(expected))
+    keep = suppress_boxes(box, score, limit, np.zeros(len(box), int), limit)
+    np.testing.assert_array_equal(keep, np.ravel(expected))
 
 
 def test_boxes_of_other_windows_have_their_own_limit():
     box = np.array([[0, 0, 10, 10], [0, 0, 10, 6.0], [0, 0, 10, 6.1]])
     score = np.array([0.9, 0.8, 0.7])
     window = np.array([0, 0, 1])
-    keep = suppress_boxes(box, score, 0.7, window=window, maximum_overlap_across=0.5)
+    keep = suppress_boxes(box, score, 0.7, window, 0.5)
     np.testing.assert_array_equal(keep, [0, 1])
 
 
 def test_no_boxes():
-    assert suppress_boxes(np.zeros((0, 4)), np.zeros(0), 0.5).shape == (0,)
+    assert suppress_boxes(np.zeros((0, 4)), np.zeros(0), 0.5, np.zeros(0, int), 0.5).shape == (0,)

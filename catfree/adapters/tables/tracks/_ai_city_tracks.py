@@ -11,7 +11,7 @@ from catfree.adapters.files._text_rows import read_rows
 from catfree.adapters.tables.tracks._tracked_rows import tracked
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Tracks
-from catfree.types._validation import as_count, as_path, as_positive
+from catfree.types._validation import as_count, as_positive
 from catfree.types.results import supporting_boxes
 
 _PERSON = 0  # class of people, 2025
@@ -101,14 +101,13 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
             sequences and none is chosen.
         FileFormatError: naming the first line that has another form.
     """
-    source = as_path(path, "path")
-    table, _ = read_rows(source, "tracks", (_OF_BOXES, _OF_IMAGES))
+    table, _ = read_rows(path, "tracks", (_OF_BOXES, _OF_IMAGES))
     if table.shape[1] == _OF_BOXES:
         table = table[table[:, 1] == _PERSON]
         scenes = [f"{one:g}" for one in np.unique(table[:, 0])]
         if scene_id is None and len(scenes) > 1:
             raise InvalidInputError(
-                f"{source} holds the scenes {', '.join(scenes)}. Choose one as scene_id."
+                f"{path} holds the scenes {', '.join(scenes)}. Choose one as scene_id."
             )
         if scene_id is not None:
             table = table[table[:, 0] == scene_id]

@@ -1,8 +1,19 @@
+import matplotlib
 import numpy as np
+import pytest
+
+matplotlib.use("Agg")
+
 from matplotlib import pyplot
 
+from benchmarks.reliability_plot import plot_ellipse_coverage, plot_reliability
 from catfree.evaluation import EllipseCoverage, calibration_curve
-from catfree.viz.plots._reliability_plot import plot_ellipse_coverage, plot_reliability
+
+
+@pytest.fixture(autouse=True)
+def no_open_figures():
+    yield
+    pyplot.close("all")
 
 
 def test_every_filled_bin_is_a_dot_at_its_claim_and_outcome():
