@@ -146,7 +146,7 @@ def map_ground(
     return GroundMap(
         xy=xy,
         covariance=covariance,
-        height=np.clip(mean_height + share * (height - mean_height), 1.3, 2.1),
+        height=mean_height + share * (height - mean_height),
         height_sd=prior * np.sqrt(1 - share),
         valid=ok,
     )
