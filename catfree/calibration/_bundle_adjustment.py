@@ -35,8 +35,8 @@ SMALLEST_NOISE = 0.1  # px: no box is more exact; avoids division by zero for ex
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
 DAMPING, FALL = 1e-4, 10.0  # rounds end before they converge, so quick steps matter
 PEOPLE_BLOCK, CAMERA_BLOCK = 1024, 4  # what people and cameras are padded to
-# Standard deviations of cameras from their start: about each axis in radians, of the center along
-# each axis as a fraction of E, and of the natural logarithm of the focal length.
+# Standard deviations of cameras, and of the ground, from their start: about each axis in radians,
+# along each axis as a fraction of E, and of the natural logarithm of the focal length.
 ROTATION_SD, CENTER_SD, FOCAL_SD = np.deg2rad(2.0), 0.03, 0.02
 STEP_SD = np.array([ROTATION_SD] * 3 + [CENTER_SD] * 3 + [FOCAL_SD])
 

@@ -6,7 +6,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.calibration._adjusted_cameras import moved_rig, with_registered
-from catfree.calibration._bundle_adjustment import FootPixels, adjust, project_directions
+from catfree.calibration._bundle_adjustment import (
+    CENTER_SD,
+    ROTATION_SD,
+    FootPixels,
+    adjust,
+    project_directions,
+)
 from catfree.calibration._refine_by_evidence import refine_by_evidence
 from catfree.calibration._refinement import CAMERAS, MOST_FRAMES, STEPS, Refinement as Refinement
 from catfree.errors import InsufficientDataError
@@ -38,8 +44,6 @@ from catfree.types._validation import (
 
 RESOLVED = 0.25  # fraction of the median height below which box errors stop shrinking
 GROUND_ITERATIONS = 20  # reweighting converges to a thousandth of the noise
-GROUND_TILT_SD = np.deg2rad(2.0)  # of the given ground about each axis
-GROUND_OFFSET_SD = 0.03  # fraction of E; of the given ground's height
 FLATTEST = 1e-6  # fraction of E: lower bound of the ground noise
 
 
@@ -250,7 +254,7 @@ def ground_under_people(points: Float[np.ndarray, "person 3"]) -> Float[np.ndarr
         A slope that the people do not constrain (all on one line) stays near 0.
     """
     design = np.column_stack([np.ones(len(points)), points[:, :2]])
-    tie = np.array([GROUND_OFFSET_SD, GROUND_TILT_SD, GROUND_TILT_SD]) ** -2.0
+    tie = np.array([CENTER_SD, ROTATION_SD, ROTATION_SD]) ** -2.0
     plane = np.array([np.median(points[:, 2]), 0.0, 0.0])
     for _ in range(GROUND_ITERATIONS):
         residual = np.abs(points[:, 2] - design @ plane)

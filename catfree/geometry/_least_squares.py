@@ -260,8 +260,8 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         Triggs et al. (2000), "Bundle adjustment: a modern synthesis", sections 4 and 6.
     """
 
-    rtol: float
-    atol: float
+    rtol: float = 1e-4
+    atol: float = 0.0
     damping: float = 1e-3
     fall: float = 5.0
     most_steps: Int[Array, ""] | int = 256

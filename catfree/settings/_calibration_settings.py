@@ -36,8 +36,8 @@ class CalibrationSettings(CheckedSettings):
         focal_shares: focal lengths to try, as shares of the longer image side (90, 71, 58 degrees
             of view).
         focal_log_sd: spread of log focal around the middle of `focal_shares`, a weak prior.
-        focal_spread: standard deviation of the log focal length of a camera around those of the
-            other cameras of its site, where it is placed among them.
+        focal_spread: standard deviation of the log focal lengths of the cameras of one site while
+            they are placed; the refinement learns how much they differ.
         roll_sd: weak prior that cameras are mounted upright.
         maximum_frames: longer sequences are evenly subsampled to this many frames.
         voting_frames: number of frames used to vote on placements and to compare many of them.
@@ -50,8 +50,6 @@ class CalibrationSettings(CheckedSettings):
         match_gate: largest squared Mahalanobis distance of a match (99 % of a chi-square with 2
             degrees of freedom).
         shared_focal_sd: standard deviation of log focal lengths of cameras of one kind.
-        free_focal_gain: share of the cost per person that one focal length per camera must save in
-            the search for the cameras; the refinement learns how much focal lengths differ.
         bent_lenses: radial distortion k1 of all lenses to try if ideal lenses place fewer than
             three cameras.
         distortion_sd: spread of the radial distortion k1 of lenses around 0, a weak prior.
@@ -125,7 +123,6 @@ class CalibrationSettings(CheckedSettings):
     detection_rates: tuple[float, float] = (0.3, 0.9)
     match_gate: float = 9.21
     shared_focal_sd: float = 0.003
-    free_focal_gain: float = 0.05
     bent_lenses: tuple[float, ...] = (-0.15, -0.3)
     distortion_sd: float = 0.2
     free_lens_gain: float = 0.03

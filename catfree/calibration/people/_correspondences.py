@@ -37,10 +37,6 @@ from catfree.types._validation import as_float, as_integer, require_shape
 
 FEWEST_PEOPLE = 20
 SMALLEST_SD = 2.0  # pixels; lower bound for the error of a box edge
-# Boxes of a person err alike in successive frames, so that lenses vary more than independent boxes
-# would say: by 1.3 to 2.2 times in simulated rings.
-ALIKE = 2.0
-SILENT_SD = 1e6  # pixels; an edge without information
 
 
 def refine_with_correspondences(
@@ -144,7 +140,7 @@ def refine_with_correspondences(
         calibration,
         scene=replace(scene, rig_sd=rig_sd),
         shared_focal=spread == alike,
-        distortion_sd=np.where(adjusted, ALIKE * result.k1_sd, calibration.distortion_sd),
+        distortion_sd=np.where(adjusted, repeats**0.25 * result.k1_sd, calibration.distortion_sd),
         focal_sd=np.where(
             adjusted,
             np.exp(parameters[:, LOG_FOCAL]) * result.focal_deviation,
@@ -190,7 +186,7 @@ def adjust_groups(
         k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
     """
     person, camera, box = measurements.person, measurements.camera, measurements.box
-    sd = np.maximum(np.nan_to_num(measurements.sd, nan=SILENT_SD, posinf=SILENT_SD), SMALLEST_SD)
+    sd = np.maximum(np.nan_to_num(measurements.sd, nan=np.inf, posinf=np.inf), SMALLEST_SD)
     straight = box
     if k1 is not None:
         straight = RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1).straightened(camera, box)

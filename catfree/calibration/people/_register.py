@@ -303,7 +303,7 @@ def describe_registration(
         camera_covariance=bundle.camera_covariance(),
         distortion_sd=np.where(trusted, bundle.k1_sd, np.nan),
         center_covariance=np.where(trusted[:, None, None], bundle.center_covariance, np.nan),
-        shared_focal=registered.shared_focal,
+        shared_focal=False,
         scale_sd=np.hypot(
             scale_deviation(parameters, bundle.camera_covariance(), trusted),
             crowd_sd / work.settings.person_height,

@@ -30,8 +30,6 @@ from catfree.types._validation import (
     shown_camera,
 )
 
-HOURS_PER_ALARM = 200.0  # of one camera
-TESTS = 3  # of a camera in a window: turn, lag, loss
 WINDOW = 60.0  # seconds, the longest
 # Of a person's height on the ground, where nothing changed. Every rig is a little off all the time:
 # a measured one of a room by 0.07, rigs from people and reconstructions by about 0.1.
@@ -234,10 +232,9 @@ def check(
         since=since,
         progress=progress,
     )
-    alpha = watched.seconds / 3600 / HOURS_PER_ALARM / TESTS
-    watched, course = follow_changes(watched, alpha, since=since, progress=progress)
+    watched, course = follow_changes(watched, since=since, progress=progress)
     turns = as_turns(course, watched.windows)
-    judge = _Judge(watched, course, turns, alpha, since is not None)
+    judge = _Judge(watched, course, turns, since is not None)
     cameras = [judge.camera(c) for c in range(scene.rig.camera_count)]
     sights = watched.sights
     matched = np.array([one.matched for one in cameras])
@@ -271,14 +268,12 @@ class _Judge:
         watched: what the windows say.
         course: errors over time.
         turns: the same, of cameras that only turn.
-        alpha: probability of a false alarm per window and test.
         fitted_before: whether the cameras are known to fit in the beginning.
     """
 
     watched: Watched
     course: Course
     turns: Course
-    alpha: float
     fitted_before: bool
 
     def camera(self, camera: int) -> CameraCheck:
@@ -299,7 +294,7 @@ class _Judge:
             lag = 0.0
         angle, angle_sd = _angle(turn, turn_covariance)
         pixels, ground = self._displacement(camera, turn)
-        chance = float(-ndtri(self.alpha / 2))
+        chance = float(-ndtri(self.watched.alpha / 2))
         off = ground / sights.unit if angle > chance * angle_sd else 0.0
         is_late = abs(lag) > max(WHOLE_FRAME, chance * lag_sd)
         unmeasured = self._without_people(camera)
@@ -337,7 +332,7 @@ class _Judge:
         some = (expected > 0) & (boxes > 0)  # a camera that died early was alive before
         share = float(np.median(matched[some] / expected[some])) if some.any() else 0.0
         usual = max(share, LEAST_MATCHED)
-        lost = lost_since(matched, expected, distinct, usual, self.alpha)
+        lost = lost_since(matched, expected, distinct, usual, self.watched.alpha)
         if lost is not None:
             since = self._frame(self.watched.windows[lost].begin) if lost else None
             dead = not boxes[lost:].any()

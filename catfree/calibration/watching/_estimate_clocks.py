@@ -17,7 +17,6 @@ from catfree.types._sampling import frame_step
 WINDOW = 10.0  # seconds, the longest; a clock drifts within
 # Of a frame: whole frames hardly correct less.
 WHOLE_FRAME = 0.75
-CHANCE = 1e-5  # of a jump at one window, where there is none
 SURE = 4.0  # standard deviations by which an offset differs from 0
 
 
@@ -159,7 +158,7 @@ def estimate_clocks(
         localization=localization,
         progress=progress,
     )
-    watched, course = follow_changes(watched, CHANCE, kinds=[LAG], progress=progress)
+    watched, course = follow_changes(watched, kinds=[LAG], progress=progress)
     step, registered = watched.sights.step, np.asarray(scene.rig.registered)
     constant, covariance = course.constant()
     rate, rate_covariance = course.rates()

@@ -21,7 +21,6 @@ SHARPER = 0.5  # boxes are more exact than matches demand
 
 def follow_changes(
     watched: Watched,
-    alpha: float,
     *,
     kinds: Sequence[slice] = KINDS,
     since: int | None = None,
@@ -35,7 +34,6 @@ def follow_changes(
 
     Args:
         watched: the recording.
-        alpha: probability at which a change at one given window may be found though there is none.
         kinds: what may change.
         since: frame number before which nothing changes.
         progress: called as `progress(stage, done, total)`.
@@ -47,7 +45,7 @@ def follow_changes(
     def fitted(watched: Watched) -> Course:
         step = -1 if since is None else (since - watched.sights.first) // watched.sights.step
         later = (i for i, w in enumerate(watched.windows) if i and w.begin >= step)
-        return fit_course(watched.windows, alpha, kinds=kinds, first=next(later, 1))
+        return fit_course(watched.windows, watched.alpha, kinds=kinds, first=next(later, 1))
 
     again = _matched_again(watched, fitted(watched), progress or no_progress)
     return again, fitted(again)

@@ -19,6 +19,8 @@ from catfree.types._processes import require_own_process
 from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, require_instance
 
+HOURS_PER_ALARM = 200.0  # of one camera to which nothing happened
+TESTS = 3  # of a camera in a window: turn, lag, loss
 WINDOWS = 12  # that a short recording is cut into
 SHORTEST = 2.0  # seconds of a window
 UNKNOWN_RATE = 25.0  # steps per second where no clock tells
@@ -44,6 +46,11 @@ class Watched:
     errors: Float[np.ndarray, "window cam 8"]
     seconds: float
     noise: Float[np.ndarray, "3"]
+
+    @property
+    def alpha(self) -> float:
+        """Probability of a false alarm per window and test."""
+        return self.seconds / 3600 / HOURS_PER_ALARM / TESTS
 
 
 def watch_windows(

@@ -10,7 +10,6 @@ from catfree.calibration.people.adjustment._people_bundle import (
     BoxMeasurements,
     BundleResult,
     adjust_people_bundle,
-    saves,
     weak_prior,
 )
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
@@ -30,13 +29,11 @@ class AdjustedRig:
     Attributes:
         state: the rig.
         bundle: the last adjustment.
-        shared_focal: whether all cameras have one focal length in it.
         verdicts: of the cameras that were judged since.
     """
 
     state: RigState
     bundle: BundleResult
-    shared_focal: bool
     verdicts: dict[int, PlacementVerdict] = field(default_factory=dict)
 
     @property
@@ -74,8 +71,6 @@ def measure_people(
 def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> AdjustedRig | None:
     """Group people and adjust the rig, once per range error, the largest first.
 
-    All cameras have one focal length, unless one per camera saves enough.
-
     Args:
         grid: all boxes.
         state: the initial rig.
@@ -85,31 +80,22 @@ def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> 
         The adjusted rig; None if no person is seen by two cameras.
     """
     middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
-    bundle, is_shared = None, True
+    bundle = None
     for tolerance in RANGE_ERRORS:
         limited = replace(state, range_tolerance=tolerance)
         measured = measure_people(grid, group_people(grid, limited, settings))
         if measured is None:
             break
         state, (data, ground) = limited, measured
-        adjusted: list[tuple[BundleResult, RigState]] = []
-        for spread in (settings.shared_focal_sd, np.inf):  # the second begins where the first ended
-            result = adjust_people_bundle(
-                data,
-                state.parameters,
-                ground,
-                weak_prior(data.camera, state.parameters, middle, settings),
-                settings,
-                focal_spread=spread,
-                iterations=MOST_STEPS,
-            )
-            placed = np.isfinite(result.parameters)
-            parameters = np.where(placed, result.parameters, state.parameters)
-            state, ground = replace(state, parameters=parameters), result.people
-            adjusted.append((result, state))
-        (shared, _), (separate, _) = adjusted
-        is_shared = not saves(shared, separate, settings.free_focal_gain)
-        bundle, state = adjusted[0 if is_shared else 1]
-    if bundle is None:
-        return None
-    return AdjustedRig(state, bundle, is_shared)
+        bundle = adjust_people_bundle(
+            data,
+            state.parameters,
+            ground,
+            weak_prior(data.camera, state.parameters, middle, settings),
+            settings,
+            focal_spread=settings.focal_spread,
+            iterations=MOST_STEPS,
+        )
+        placed = np.isfinite(bundle.parameters)
+        state = replace(state, parameters=np.where(placed, bundle.parameters, state.parameters))
+    return None if bundle is None else AdjustedRig(state, bundle)

@@ -41,7 +41,6 @@ from catfree.geometry._person import box_edges
 from catfree.geometry.camera import distort
 from catfree.settings import CalibrationSettings
 
-CONVERGED = 1e-4  # relative decrease of the cost that ends the iteration
 GAUGE_SD = 1e-5  # meters and radians; of the camera that fixes the gauge, and of fixed lenses
 STEEPEST_TILT = 1.5  # radians; at a right angle, heading and roll are the same
 CAMERA_HEIGHTS = (0.3, 80.0)  # meters
@@ -218,7 +217,7 @@ def _solve(
 ) -> tuple[Unknowns, Array, Array, Array]:
     """The adjusted unknowns, their cost, the covariance of cameras and foot offset, residuals."""
     args = foot_offset[None], boxes
-    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
+    solver = SchurLevenbergMarquardt(most_steps=most_steps)
     solution = minimize(_problem, start, args, solver)
     equations: NormalEquations = solution.stats["equations"]
     covariance = equations.covariance(jnp.square(foot_offset_sd)[None, None])

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.adjustment._people_bundle import CONVERGED, camera_prior
+from catfree.calibration.people.adjustment._people_bundle import camera_prior
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, X, Z, projection
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_camera
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
@@ -209,7 +209,7 @@ def _fit(
     most_steps: Int[Array, ""],
 ) -> Float[Array, "fit 1 7"]:
     """The cameras with the smallest cost; boxes without information are absent."""
-    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
+    solver = SchurLevenbergMarquardt(most_steps=most_steps)
 
     def fit(one: tuple[Array, ...]) -> Array:
         start, people, box, information, covariance = one

@@ -146,7 +146,7 @@ def map_ground(
     return GroundMap(
         xy=xy,
         covariance=covariance,
-        height=np.clip(mean_height + share * (height - mean_height), 1.3, 2.1),
+        height=mean_height + share * (height - mean_height),
         height_sd=prior * np.sqrt(1 - share),
         valid=ok,
     )
@@ -198,7 +198,7 @@ def visible(
         projection(parameters), person, parameters[X:Z], settings.foot_offset
     )
     box = edges_of(head, foot)
-    limit = (size - 1) / 2 - 0.01 * size
+    limit = (size - 1) / 2 - settings.border * size[0]
     half_width = ASPECT / 2 * (box[..., 2] - box[..., 1])
     return (
         (depth > NEAREST_DEPTH)

@@ -34,7 +34,6 @@ LARGEST_SAMPLE = 1500  # boxes per fit; fewer are padded to this number
 FEWEST_BOXES = 12
 LARGEST_MISFIT = 30.0  # standard deviations
 FLATTEST = 1e3  # camera heights; feet that are farther away are near the horizon
-CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
 
 
 def fit_planes(
@@ -207,7 +206,7 @@ def _polish(
     Returns:
         (F, 7) planes, and (F,) the mean weight of all boxes over each of them.
     """
-    solver = SchurLevenbergMarquardt(CONVERGED, 0.0)
+    solver = SchurLevenbergMarquardt()
 
     def fit(one: tuple[Array, Array]) -> tuple[Array, Array]:
         start, member = one

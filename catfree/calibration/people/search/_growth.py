@@ -23,7 +23,6 @@ from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._camera_pairs import PairHypothesis
 
 CANDIDATES = 4  # placements refined per camera
-FROM_VOTES, FROM_PAIRS = 12, 3  # likeliest placements from which these are chosen
 SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
@@ -187,10 +186,10 @@ def _candidates(
         camera_map = work.local_map(work.voting, camera, plane)
         votes += [(v, plane) for v in vote(people, camera_map, settings, 2)]
     votes.sort(key=lambda item: -item[0].score)
-    starts = [placement.place(plane) for placement, plane in votes[:FROM_VOTES]]
+    starts = [placement.place(plane) for placement, plane in votes]
     edges = [p for p in pairs if camera in p.cameras and state.placed[list(p.cameras)].sum() == 1]
     edges.sort(key=lambda pair: -pair.margin)
-    composed = [_compose(state, pair, camera) for pair in edges[:FROM_PAIRS]]
+    composed = [_compose(state, pair, camera) for pair in edges]
     kept: list[np.ndarray] = []
     for start in composed[:1] + starts + composed[1:]:
         place = Placement(start[PAN], start[X:Z], 0.0)

@@ -51,4 +51,4 @@ def rig_of(cameras):
         zeros,
         zeros,
     )
-    return AdjustedRig(state, bundle, True, dict.fromkeys(cameras, verdict_of(100.0)))
+    return AdjustedRig(state, bundle, dict.fromkeys(cameras, verdict_of(100.0)))
