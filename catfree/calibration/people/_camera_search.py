@@ -87,7 +87,7 @@ def places_for(
     work, state = _resume(calibration, detections, settings)
     return [
         _with_cameras(calibration, state.with_camera(camera, parameters), {camera: verdict})
-        for parameters, verdict in accepted_candidates(work, state, camera)
+        for parameters, verdict in accepted_candidates(work, state, camera, most=None)
     ]
 
 

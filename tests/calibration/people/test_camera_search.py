@@ -16,8 +16,10 @@ from catfree.calibration.people import (
 )
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
+from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections
 from tests.calibration.ring_world import moved, ring_of_six, true_ring
+from tests.known_calibration import calibration_of
 
 pytestmark = pytest.mark.slow
 
@@ -112,6 +114,18 @@ def test_places_for_a_missing_camera_hold_its_own(world, calibration) -> None:
         np.testing.assert_allclose(
             np.asarray(place.scene.rig.centers)[others], true[others], atol=1e-9
         )
+
+
+@pytest.mark.parametrize(("seed", "camera"), [(3, 1), (5, 5), (10, 3)])
+def test_a_place_is_found_whose_votes_are_fewer_than_those_of_chance(seed, camera) -> None:
+    poor = DetectorModel(
+        box_noise=0.03, pixel_noise=4.0, truncation=0.7, embedding_size=0, false_positives=1.0
+    )
+    world = make_world("ring6", seed, frames=40, people=8, detector=poor)
+    rest = without_camera(calibration_of(world.true_scene), camera)
+    places = places_for(rest, world.detections, camera, RULES)
+    best = np.asarray(places[0].scene.rig.centers)[camera]
+    assert np.linalg.norm(best - world.true_centres[camera]) < 0.6
 
 
 def test_a_camera_whose_focal_length_nobody_knows_is_flagged(calibration) -> None:

@@ -22,7 +22,7 @@ from catfree.calibration.people.matching._verdict import (
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._camera_pairs import PairHypothesis
 
-CANDIDATES = 4  # placements refined per camera
+CANDIDATES = 4  # placements refined per camera, and looked for with each of its planes
 SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
@@ -110,6 +110,7 @@ def accepted_candidates(
     state: RigState,
     camera: int,
     pairs: Sequence[PairHypothesis] = (),
+    most: int | None = CANDIDATES,
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Find the placements of a camera with sufficient evidence, refined.
 
@@ -118,20 +119,16 @@ def accepted_candidates(
         state: the rig without the camera.
         camera: index of the camera.
         pairs: pair hypotheses, for candidates relative to placed cameras.
+        most: number of placements to refine, those with most votes first; None for all.
 
     Returns:
         Parameters (7,) and verdict of each placement, the likeliest first.
     """
     people = group_people(work.scoring, state, work.settings).ground
     middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
-    judged = judge_refined(
-        work,
-        state,
-        camera,
-        [(work.scoring, start) for start in _candidates(work, state, camera, pairs, middle)],
-        people,
-        log_focal=middle,
-    )
+    starts = _candidates(work, state, camera, pairs, middle)[:most]
+    placements = [(work.scoring, start) for start in starts]
+    judged = judge_refined(work, state, camera, placements, people, log_focal=middle)
     accepted = [one for one in judged if one is not None and one[1].accepted]
     return sorted(accepted, key=lambda one: -one[1].margin)
 
@@ -184,7 +181,7 @@ def _candidates(
     votes = []
     for plane in work.planes(camera, middle):
         camera_map = work.local_map(work.voting, camera, plane)
-        votes += [(v, plane) for v in vote(people, camera_map, settings, 2)]
+        votes += [(v, plane) for v in vote(people, camera_map, settings, CANDIDATES)]
     votes.sort(key=lambda item: -item[0].score)
     starts = [placement.place(plane) for placement, plane in votes]
     edges = [p for p in pairs if camera in p.cameras and state.placed[list(p.cameras)].sum() == 1]
@@ -195,7 +192,7 @@ def _candidates(
         place = Placement(start[PAN], start[X:Z], 0.0)
         if not any(place.is_near(Placement(o[PAN], o[X:Z], 0.0), settings) for o in kept):
             kept.append(start)
-    return kept[:CANDIDATES]
+    return kept
 
 
 def _compose(state: RigState, pair: PairHypothesis, camera: int) -> Float[np.ndarray, "7"]:
