@@ -125,8 +125,7 @@ def read_detections(
         if not is_numbered(boxes.camera_names) or len(boxes.camera_names) > len(camera_names):
             raise InvalidInputError(
                 f"The boxes are of the cameras {shortened(', '.join(boxes.camera_names))}, which "
-                f"are not all among {shortened(', '.join(camera_names))}. Name both "
-                "alike."
+                f"are not all among {shortened(', '.join(camera_names))}. Name both alike."
             )
         camera_index = list(range(len(boxes.camera_names)))
     camera = np.array(camera_index, np.int64)[boxes.detections.camera]
