@@ -13,7 +13,7 @@ from catfree.geometry._person import box_edges
 from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import GroundViews
 
-BLOCK = 1024  # boxes predicted together
+BLOCK = 256  # boxes predicted together; an instant of a running tracker is one block
 
 
 class Sightings(NamedTuple):
