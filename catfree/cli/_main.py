@@ -1,6 +1,9 @@
 """The command line as a function."""
 
+import inspect
+import re
 import sys
+from collections.abc import Callable
 
 import catfree
 from catfree.cli._terminal import FAILURE, INTERRUPTED, fail, print_text, require_tyro
@@ -25,6 +28,8 @@ def main(arguments: list[str] | None = None) -> int:
         tyro = require_tyro()
         from catfree.cli._commands import COMMANDS  # which need tyro
 
+        for command in COMMANDS.values():
+            inspect.unwrap(command).__doc__ = _in_whole_lines(command)
         code = tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="catfree",
@@ -42,3 +47,8 @@ def main(arguments: list[str] | None = None) -> int:
         fail("Interrupted. A command with a cache resumes from the finished stages.")
         return INTERRUPTED
     return code or 0
+
+
+def _in_whole_lines(command: Callable[..., int | None]) -> str:
+    """Join the lines of each argument in a docstring, which tyro would break as they stand."""
+    return re.sub(r"\n {8,}", " ", inspect.getdoc(command) or "")

@@ -635,6 +635,23 @@ def test_results_are_written_before_the_overlay(world, tmp_path, monkeypatch, ca
     assert (out / "report.html").is_file()
 
 
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("localize", "known cameras and ground: .* without it they are found from the people."),
+        ("evaluate", "results folder of a run or of joined shards, .* tracks.parquet."),
+        ("shard", "what `catfree plan` wrote."),
+    ],
+)
+def test_help_breaks_lines_only_where_the_terminal_ends(
+    command, sentence, capsys, monkeypatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    with pytest.raises(SystemExit):
+        cli.main([command, "--help"])
+    assert re.search(sentence, capsys.readouterr().out)
+
+
 @pytest.mark.slow
 def test_help_needs_no_video_library():
     script = "import sys, catfree.cli._commands; sys.exit(int('cv2' in sys.modules))"
