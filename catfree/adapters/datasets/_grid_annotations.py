@@ -215,7 +215,7 @@ def grid_sequence(
         rig = rig_of(cameras)
         require_people_in_front(rig, data.grid.lattice())
     images = numbered_images(root, data)
-    frames = people.frames if len(people.frames) else image_numbers(root, data)
+    frames = people.frames if len(people.frames) else image_numbers(images)
     return MultiViewSequence(
         name=data.name,
         detections=people.detections,
@@ -227,7 +227,7 @@ def grid_sequence(
         fps=data.fps,
         evaluation_area=data.grid.area,
         true_centres=np.asarray(rig.centers),
-        images=tuple(tuple(map(files.get, frames.tolist())) for files in images if any(images)),
+        images=image_table(images, frames),
         identity=people.identity,
     )
 
@@ -238,6 +238,15 @@ def numbered_images(root: Path, data: GridDataSet) -> list[dict[int, Path]]:
     return [numbered_files(folder, "png|jpe?g") for folder in folders]
 
 
-def image_numbers(root: Path, data: GridDataSet) -> Int[np.ndarray, " f"]:
+def image_numbers(images: list[dict[int, Path]]) -> Int[np.ndarray, " f"]:
     """List the numbers of the images of any camera, ascending."""
-    return np.array(sorted(set().union(*numbered_images(root, data))), np.int64)
+    return np.array(sorted(set().union(*images)), np.int64)
+
+
+def image_table(
+    images: list[dict[int, Path]], frames: Int[np.ndarray, " f"]
+) -> tuple[tuple[Path | None, ...], ...]:
+    """List (C, F) images, None if missing; () without any image."""
+    if not any(images):
+        return ()
+    return tuple(tuple(map(files.get, frames.tolist())) for files in images)

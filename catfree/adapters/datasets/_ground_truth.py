@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from catfree.adapters.datasets._grid_annotations import (
     image_numbers,
     numbered_files,
+    numbered_images,
     read_annotations,
 )
 from catfree.adapters.datasets._multiviewx import MULTIVIEWX, numbered_like_images
@@ -107,7 +108,8 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
             f"{len(WILDTRACK.camera_names)} and MultiviewX {len(MULTIVIEWX.camera_names)}."
         )
     if data is MULTIVIEWX:
-        files = numbered_like_images(files, image_numbers(folder.parent, data))
+        images = image_numbers(numbered_images(folder.parent, data))
+        files = numbered_like_images(files, images)
     people = read_annotations(files, data, invalid_boxes="drop", drop_unseen=True)
     frames = people.frames
     is_test = frames >= data.test_from

@@ -15,6 +15,7 @@ from catfree.adapters.datasets._grid_annotations import (
     grid_sequence,
     image_numbers,
     numbered_files,
+    numbered_images,
     read_annotations,
     read_pose,
 )
@@ -81,7 +82,7 @@ def read_multiviewx(
     """
     root = require_folder(folder, "MultiviewX")
     cameras = _read_cameras(root / "calibrations")
-    numbers = image_numbers(root, MULTIVIEWX)
+    numbers = image_numbers(numbered_images(root, MULTIVIEWX))
     files = numbered_files(root / "annotations_positions", "json")
     if boxes is None:
         has_matchings = (root / "matchings").is_dir()

@@ -119,7 +119,7 @@ def accepted_candidates(
         state: the rig without the camera.
         camera: index of the camera.
         pairs: pair hypotheses, for candidates relative to placed cameras.
-        most: number of placements to refine, those with most votes first; None for all.
+        most: number of placements to refine; None for all.
 
     Returns:
         Parameters (7,) and verdict of each placement, the likeliest first.
