@@ -4,13 +4,12 @@ Source: paper, Sec. "Selecting pedestrian positions", support recount.
 """
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int, Num, ScalarLike
 
 from catfree.errors import InvalidInputError, quoted
 from catfree.filters._sample_arrays import as_floating
 from catfree.types._annotations import HostOrDevice
-from catfree.types._validation import is_traced, require_shape
+from catfree.types._validation import as_integer, is_traced, require_shape
 
 
 def support(
@@ -77,16 +76,14 @@ def weighted_support(
         support" come first; Fig. "reliability" for the weights.
     """
     weights = as_floating(weights)
-    require_shape(index, weights.shape[:1], "index")
-    if not is_traced(index):
-        rays = np.asarray(index)
-        if ((rays < -1) | (rays >= weights.shape[1])).any():
-            raise InvalidInputError(
-                f"index is {quoted(rays.tolist())}; of {weights.shape[1]} rays per camera, it must "
-                "name one, or be -1."
-            )
-    index = jnp.asarray(index)
+    rays = index if is_traced(index) else as_integer(index, "index")
+    require_shape(rays, weights.shape[:1], "index")
+    if not is_traced(rays) and ((rays < -1) | (rays >= weights.shape[1])).any():
+        raise InvalidInputError(
+            f"index is {quoted(rays.tolist())}; of {weights.shape[1]} rays per camera, it must "
+            "name one, or be -1."
+        )
     if weights.shape[1] == 0:
         return jnp.zeros((), weights.dtype)
-    chosen = jnp.take_along_axis(weights, jnp.maximum(index, 0)[:, None], axis=1)[:, 0]
-    return jnp.sum(jnp.where(index >= 0, chosen, 0))
+    chosen = jnp.take_along_axis(weights, jnp.maximum(rays, 0)[:, None], axis=1)[:, 0]
+    return jnp.sum(jnp.where(rays >= 0, chosen, 0))

@@ -24,20 +24,23 @@ ArrayInput = ArrayLike | tuple[Any, ...]
 def float_arrays(*values: Any) -> tuple[Any, ...]:
     """Convert everything to JAX arrays of one float dtype; None stays None.
 
-    The dtype is the widest float among the arrays, or JAX's default float if there are none.
-    Python scalars never widen it.
+    The dtype is the widest of `as_float` of the arrays of floats, or JAX's default float if there
+    are none. Python scalars never widen it.
 
     Raises:
         InvalidInputError: if something does not hold real numbers.
     """
-    # A Python scalar that was passed through `jax.jit` arrives as a weakly typed array.
-    arrays = [
-        v for v in values if isinstance(v, HostOrDevice) and not getattr(v, "weak_type", False)
+    converted = [None if v is None else as_float(v) for v in values]
+    # Whole numbers and scalars, also Python scalars that went through `jax.jit`, have no say.
+    floats = [
+        c
+        for v, c in zip(values, converted, strict=True)
+        if isinstance(v, HostOrDevice)
+        and jnp.issubdtype(v.dtype, jnp.floating)
+        and not getattr(v, "weak_type", False)
     ]
-    floats = [jnp.result_type(a) for a in arrays if jnp.issubdtype(a.dtype, jnp.floating)]
-    # Only the widths matter: float32 and float64 are the library's two dtypes.
-    dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)
-    return tuple(None if v is None else jnp.asarray(as_float(v), dtype) for v in values)
+    dtype = jnp.result_type(*(floats or (float,)))
+    return tuple(None if c is None else jnp.asarray(c, dtype) for c in converted)
 
 
 def require_vectors(length: int, **vectors: Any) -> None:

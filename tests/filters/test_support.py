@@ -146,6 +146,7 @@ def test_weighted_support_sums_the_chosen_rays(dtype):
     total = filters.weighted_support(np.array([1, -1, 1]), weights)
     assert total == 1.0
     assert total.dtype == dtype
+    assert filters.weighted_support(np.array([1, -1, 1], ">i4"), weights) == total
     for index in ([0, 0, 2], [-2, 0, 0]):
         with pytest.raises(InvalidInputError, match=r"index is \[.*; of 2 rays per camera"):
             filters.weighted_support(np.array(index), weights)

@@ -142,3 +142,13 @@ def test_under_jit_too():
 
     with pytest.raises(Exception, match="Type-check error"):
         jax.jit(wrong)(jnp.zeros(4))
+
+
+@pytest.mark.parametrize("kind", [">f4", ">f8", np.float16])
+def test_floats_of_other_widths_and_byte_orders_count_in_a_width_that_jax_has(kind):
+    position, origin, direction = np.array([[1, 2, 4], [0, 1, 0], [0, 0.6, 0.8]])
+    angle = geometry.angular_residual(position.astype(kind), origin, direction.astype(np.float32))
+    assert angle.dtype == jnp.float32
+    assert angle == geometry.angular_residual(position, origin, direction)
+    plane = geometry.fit_plane(np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1]], kind))
+    np.testing.assert_allclose(np.abs(plane.normal), [0, 0, 1], atol=1e-6)

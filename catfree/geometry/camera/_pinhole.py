@@ -62,7 +62,6 @@ def distort(point: Real[HostOrDevice, "2"], distortion: Lens) -> Float[Array, "2
     )
 
 
-@jax.jit  # uncompiled, every call would trace its loop again
 def undistort(point: Real[HostOrDevice, "2"], distortion: Lens) -> Float[Array, "2"]:
     """Invert `distort` by a fixed number of Newton steps (hence differentiable).
 
@@ -80,6 +79,11 @@ def undistort(point: Real[HostOrDevice, "2"], distortion: Lens) -> Float[Array, 
     """
     bent, lens = float_arrays(point, distortion)
     require_vectors(2, point=bent)
+    return _undistort(bent, lens)
+
+
+@jax.jit  # uncompiled, every call would trace its loop again
+def _undistort(bent: Float[Array, "2"], lens: Lens) -> Float[Array, "2"]:
     return invert(lambda ideal: distort(ideal, lens), bent)
 
 

@@ -145,3 +145,11 @@ def test_a_lens_with_another_number_of_coefficients_is_refused(count):
     unchecked = inspect.unwrap(camera.distort)  # as where no types are checked
     with pytest.raises(InvalidInputError, match="k1, k2, p1, p2, k3"):
         unchecked(np.array([0.3, 0.2]), np.zeros(count))
+
+
+def test_undistortion_reads_lists_and_either_byte_order():
+    point, lens = np.array([0.1, 0.2], np.float32), WIDE_LENS.astype(np.float32)
+    wanted = geometry.undistort(point, lens)
+    assert (geometry.undistort(point.astype(">f4"), lens.astype(">f4")) == wanted).all()
+    plain = inspect.unwrap(geometry.undistort)  # the tests' check of types comes before
+    np.testing.assert_allclose(plain(point.tolist(), lens.tolist()), wanted, rtol=1e-6)
