@@ -139,7 +139,7 @@ def order_like(
         return scene, ()
     if len(wanted) < len(given):
         raise InvalidInputError(
-            f"The scene has the cameras {', '.join(given)}, but the {kind} are "
+            f"The scene has the cameras {', '.join(given)}, but there are {kind} of "
             f"{', '.join(wanted)}, which are not all among them. Rename one like the other."
         )
     if is_numbered(given):

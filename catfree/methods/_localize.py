@@ -110,10 +110,7 @@ def localize(
     if not keep.any():
         warnings += (_why_none_is_used(detections, scene, settings),)
     if keep.any() and not len(result.tracks):
-        warnings += (
-            f"Nobody is found (boxes used: {int(keep.sum())}). Check that boxes and scene are of "
-            "the same cameras, in one order, and of pictures of one size.",
-        )
+        warnings += (_why_nobody_is_found(frame, camera),)
     tracks = replace(result.tracks, clock=detections.clock)
     return with_expectation(replace(result, tracks=tracks, warnings=warnings), settings)
 
@@ -135,6 +132,20 @@ def _why_none_is_used(detections: Detections, scene: Scene, settings: Settings) 
     return (
         f"{none} no confident one has confirmed ankles, which "
         "RaySettings.only_confirmed_ankles asks for. Set it to False."
+    )
+
+
+def _why_nobody_is_found(frame: Int[np.ndarray, " n"], camera: Int[np.ndarray, " n"]) -> str:
+    """Say that no instant has boxes of two cameras, or else what to check."""
+    pictures = np.unique(np.stack([frame, camera], -1), axis=0)
+    if len(np.unique(frame)) == len(pictures):
+        return (
+            "Nobody is found: in no frame do two cameras have boxes. Check that the boxes of all "
+            "cameras are given, and that these number frames alike."
+        )
+    return (
+        f"Nobody is found (boxes used: {len(frame)}). Check that boxes and scene are of the same "
+        "cameras, in one order, and of pictures of one size."
     )
 
 

@@ -306,6 +306,14 @@ def test_two_cameras_and_cameras_without_detections():
 def test_boxes_of_one_camera_only():
     found = cf.localize(WORLD.detections[WORLD.detections.camera == 2], WORLD.scene, PAPER)
     assert len(found.tracks) == len(found.candidates) == 0
+    assert "in no frame do two cameras have boxes" in found.warnings[-1]
+
+
+def test_cameras_that_number_frames_apart_are_told():
+    seen = WORLD.detections
+    apart = dataclasses.replace(seen, frame=seen.frame + 1000 * seen.camera)
+    found = cf.localize(apart, WORLD.scene, PAPER)
+    assert "in no frame do two cameras have boxes" in found.warnings[-1]
 
 
 @pytest.mark.parametrize("without", ["embedding", "ankles_confirmed", "score"])

@@ -169,7 +169,7 @@ def test_a_part_of_the_scene_is_found_by_name_alone(clips):
     assert "matched by name" in said[0]
     assert "no videos of these cameras of the scene, so they are not used: x.png, y.png." in said[1]
     for names in (["x", "y", "z", "w"], ["C1", "C2", "C3", "C4"]):
-        with pytest.raises(InvalidInputError, match="but the videos are b, a, which are"):
+        with pytest.raises(InvalidInputError, match="but there are videos of b, a, which are"):
             order_like(scene, names, videos.camera_names)
     # Boxes that only number their cameras are of the first ones.
     assert order_like(scene, ["x", "y", "z", "w"], ["C1", "C2"], "boxes") == (scene, ())

@@ -36,7 +36,7 @@ from catfree.adapters.tables._motchallenge import read_mot
 from catfree.adapters.tables._parquet import read_parquet, reading, values_of
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
-from catfree.types._validation import as_integer, as_path, as_paths
+from catfree.types._validation import as_integer, as_path, as_paths, shown_camera
 
 RESULT_BOXES, RESULT_SCENE = "detections.npz", "scene.json"  # in a folder of results
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
@@ -444,12 +444,19 @@ def _joined(parts: list[_Part], files: list[Path], known: tuple[str, ...]) -> Ca
             f"{files[alone.index(True)]} holds the boxes of one camera, but "
             f"{files[alone.index(False)]} of several. Name files of one kind."
         )
+    # A table without rows does not tell whether it names its cameras.
+    parts = [part for part in parts if part.names or len(part.detections)] or parts[:1]
     first = parts[0]
-    for path, part in zip(files, parts, strict=True):
-        if part.names != first.names:
-            raise InvalidInputError(f"{path} has other cameras than {files[0]}.")
-    detections = Detections.concatenate([part.detections for part in parts])
-    names = first.names
+    if len({part.names is None for part in parts}) > 1:
+        raise InvalidInputError(
+            "Some of the files name their cameras, and others number them. Name them in all."
+        )
+    names, size = first.names, first.size
+    moved = [part.detections for part in parts]
+    if names is not None and len(parts) > 1:
+        names, size, moved = _of_all_cameras(parts)
+    _require_different_pictures(moved, names)
+    detections = Detections.concatenate(moved)
     if names is None:
         count = int(detections.camera.max(initial=-1)) + 1
         if count <= len(known):
@@ -459,7 +466,35 @@ def _joined(parts: list[_Part], files: list[Path], known: tuple[str, ...]) -> Ca
             names, detections = tuple(map(str, numbers)), replace(detections, camera=place)
         else:
             names = numbered_names(count)
-    return CameraBoxes(detections, names, first.size)
+    return CameraBoxes(detections, names, size)
+
+
+def _of_all_cameras(
+    parts: list[_Part],
+) -> tuple[tuple[str, ...], np.ndarray | None, list[Detections]]:
+    """List the cameras that any file names, their sizes if known, and the boxes of each file."""
+    place: dict[str, int] = {}
+    sizes: dict[str, np.ndarray] = {}
+    moved = []
+    for part in parts:
+        own = part.names or ()
+        index = [place.setdefault(name, len(place)) for name in own]
+        sizes |= {} if part.size is None else dict(zip(own, part.size, strict=True))
+        moved.append(replace(part.detections, camera=np.array(index)[part.detections.camera]))
+    size = np.array([sizes[name] for name in place]) if len(sizes) == len(place) else None
+    return tuple(place), size, moved
+
+
+def _require_different_pictures(parts: list[Detections], names: tuple[str, ...] | None) -> None:
+    """Raise if boxes of one picture are in several files, as of hours that each count from 0."""
+    pictures = [np.unique(np.stack([one.frame, one.camera], -1), axis=0) for one in parts]
+    every, times = np.unique(np.concatenate(pictures), axis=0, return_counts=True)
+    if (times > 1).any():
+        frame, camera = every[times > 1][0].tolist()
+        raise InvalidInputError(
+            f"Several files have boxes of camera {shown_camera(camera, names)} in frame {frame}. "
+            "Name each file once, and number the frames of later files on from those before."
+        )
 
 
 def _without_common_end(names: list[str]) -> list[str]:

@@ -531,6 +531,29 @@ def test_missing_mixed_and_repeated_files_are_refused(boxes, tmp_path):
             cf.read_detections(paths)
 
 
+def test_tables_may_each_name_some_of_the_cameras(boxes, tmp_path):
+    columns = columns_of(boxes, NAMES)
+    tables = []
+    for number, chosen in enumerate([boxes.camera == 1, boxes.camera != 1, boxes.camera < 0]):
+        some = {name: np.asarray(column)[chosen] for name, column in columns.items()}
+        tables.append(write_csv(tmp_path / f"{number}.csv", some))
+    whole, _ = cf.read_detections(write_csv(tmp_path / "whole.csv", columns), NAMES)
+    found, _ = cf.read_detections(tables[::-1], NAMES)
+    order, expected = (np.lexsort((*one.box.T, one.camera, one.frame)) for one in (found, whole))
+    for name in ("frame", "camera", "box", "score"):
+        assert (getattr(found, name)[order] == getattr(whole, name)[expected]).all()
+    numbered = write_csv(tmp_path / "numbered.csv", columns_of(boxes))
+    with pytest.raises(InvalidInputError, match="name their cameras, and others number them"):
+        cf.read_detections([tables[0], numbered])
+
+
+def test_two_files_with_boxes_of_one_picture_are_refused(boxes, tmp_path):
+    hours = [write_csv(tmp_path / name, columns_of(boxes)) for name in ("1.csv", "2.csv")]
+    frame, camera = boxes.frame.min(), boxes.camera[boxes.frame == boxes.frame.min()].min()
+    with pytest.raises(InvalidInputError, match=f"of camera {camera} in frame {frame}. Name each"):
+        cf.read_detections(hours)
+
+
 def test_boxes_are_told_from_videos(boxes, tmp_path):
     (tmp_path / "images").mkdir()
     (tmp_path / "images" / "0.PNG").write_text("")
