@@ -317,8 +317,9 @@ def _part_of_coco(path: Path, images: Path | None) -> _Part:
 
 def _part_of_parquet(path: Path, known: tuple[str, ...]) -> _Part:
     if path.is_dir():
+        opened = open_detections_table(path)
         with reading(path):
-            table = open_detections_table(path).to_table()
+            table = opened.to_table()
     else:
         table = read_parquet(path, "boxes")
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]

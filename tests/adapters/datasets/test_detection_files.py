@@ -221,14 +221,21 @@ def test_a_camera_without_a_name_is_refused(boxes, tmp_path):
         cf.read_detections(tmp_path / "boxes.parquet")
 
 
-def test_a_folder_of_tables_holds_nothing_else(boxes, tmp_path):
-    pytest.importorskip("pyarrow")
+def test_a_folder_of_tables_of_boxes_holds_nothing_else(boxes, tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    pytest.importorskip("pyarrow.parquet")
     write_detections_parquet(tmp_path / "boxes.PARQUET", boxes)
     (tmp_path / "_SUCCESS").write_text("")
     assert len(cf.read_detections(tmp_path)[0]) == len(boxes)
     (tmp_path / "truth.csv").write_text("frame,id,x,y\n")
     with pytest.raises(InvalidInputError, match=r"other files, such as truth\.csv\. Name the file"):
         cf.read_detections(tmp_path)
+    (tmp_path / "tracks").mkdir()
+    write_detections_parquet(tmp_path / "tracks" / "a.parquet", boxes)
+    table = pyarrow.parquet.read_table(tmp_path / "tracks" / "a.parquet")
+    pyarrow.parquet.write_table(table.drop("camera"), tmp_path / "tracks" / "a.parquet")
+    with pytest.raises(FileFormatError, match=r"^[^ ]+ has no column 'camera'; a table of"):
+        cf.read_detections(tmp_path / "tracks")
 
 
 def test_a_table_of_named_cameras_keeps_its_embeddings(boxes, tmp_path):
