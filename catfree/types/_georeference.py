@@ -64,10 +64,7 @@ class GeoReference:
         require_shape(degrees, (len(points), 2), "longitude_latitude")
         if len(points) < 2 or np.ptp(points, axis=0).max() == 0:
             raise InvalidInputError("A place on the map needs at least 2 different points.")
-        longitude, latitude = degrees.mean(0).tolist()
-        if np.ptp(degrees[:, 0]) > 180:  # on both sides of longitude 180
-            longitude = (float((degrees[:, 0] % 360).mean()) + 180) % 360 - 180
-        center = cls(longitude, latitude)
+        center = middle_of(degrees)
         east_north = center.to_xy(degrees)
         # Least squares over complex numbers: a rotation times a scale is one factor.
         middle = points.mean(0)
@@ -151,6 +148,14 @@ class GeoReference:
         """Rotation from ground coordinates to east and north."""
         s, c = np.sin(np.deg2rad(self.heading)), np.cos(np.deg2rad(self.heading))
         return np.array([[c, s], [-s, c]])
+
+
+def middle_of(degrees: Float[np.ndarray, "n 2"]) -> GeoReference:
+    """Return the reference of ground that touches the Earth amid places, its y axis to north."""
+    longitude, latitude = degrees.mean(0).tolist()
+    if np.ptp(degrees[:, 0]) > 180:  # on both sides of longitude 180
+        longitude = (float((degrees[:, 0] % 360).mean()) + 180) % 360 - 180
+    return GeoReference(longitude, latitude)
 
 
 def _degrees(longitude_latitude: ArrayLike) -> Float[np.ndarray, "n 2"]:

@@ -49,7 +49,7 @@ from catfree.types import GeoReference
 from catfree.types._validation import shown_camera
 
 ROUNDS = 20  # of linearization; a fit takes four
-FARTHEST = 20.0  # logarithm of the scale, beyond which a fit diverges
+FARTHEST = 20.0  # logarithm of the scale or a focal length, beyond which a fit diverges
 CONVERGED = 1e-9  # meters, radians and relative
 SAME = 1e-6  # difference of two sums of squares that rounding explains
 UNKNOWN = 1e3  # relative standard deviation of a height of which nothing is known
@@ -233,6 +233,12 @@ class _Problem:
         """
         if crowd is None:
             crowd = self.crowd if chosen[-1] else self.unusual
+        try:
+            return self._fit(chosen, crowd)
+        except np.linalg.LinAlgError as error:
+            raise self.contradiction() from error
+
+    def _fit(self, chosen: Bool[np.ndarray, " u"], crowd: float) -> _Fit:
         used = list(compress(self.usable, chosen))
         prior, fixed = self.prior, 4 - len(self.start)
         at, frame = self.cameras, np.pad(self.start, (0, fixed))
@@ -254,10 +260,13 @@ class _Problem:
             step = Q @ G.T @ W @ off
             change = max(np.abs(step).max(), np.abs(moved - at).max())
             at, frame, rounds = moved, frame + np.pad(step, (0, fixed)), rounds + 1
-            if not abs(frame[0]) < FARTHEST:
+            if not np.abs(np.append(at[:, LOG_FOCAL], frame[0])).max() < FARTHEST:
                 raise self.contradiction()
-        cross = -gain @ W @ G @ Q
-        free = np.block([[prior - gain @ M @ gain.T, cross], [cross.T, Q]])
+        # The error of cameras and frame, by those of the people's cameras and of the measurements:
+        # a covariance in this form is positive definite even where measurements are exact.
+        K, H = gain @ M, Q @ G.T @ W
+        error_of = np.block([[np.eye(len(prior)) - K @ A, -K], [-H @ A, -H]])
+        free = error_of @ scipy.linalg.block_diag(prior, *noise) @ error_of.T
         joint = np.pad(free, (0, fixed))
         error = M @ off
         taken = iter(_innovations(noise, M, error))
@@ -296,7 +305,8 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
             left = [problem.misfit_without(chosen, int(at)) for at in against]
             if np.isinf(left).all():
                 raise problem.contradiction()
-            same = against[np.array(left) <= (1 + SAME) * min(left) + SAME]
+            # Where measurements are exact, rounding makes a sum of squares negative.
+            same = against[np.array(left) <= min(left) + SAME * (1 + abs(min(left)))]
             chosen[crowd] = True
             chosen[crowd if same[-1] == crowd else same[0]] = False
             continue

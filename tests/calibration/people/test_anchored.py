@@ -231,6 +231,32 @@ def test_anchors_in_another_unit_that_agree_with_each_other_are_refused(unit):
             anchored(calibration, anchors)
 
 
+@pytest.mark.parametrize(("seed", "wrong"), [(0, 0.0), (6, 0.0), (1, 3.0)])
+def test_exact_anchors_give_deviations_or_one_clear_error(seed, wrong):
+    calibration, rng = drawn(seed)
+    anchors = []
+    for camera in range(CAMERAS):
+        factor = float(np.exp(wrong * rng.normal()))
+        exact = {"sd": 1e-9, "pixel_sd": 1e-6}
+        known = {"focal": 1100.0, "height": 4 * factor}
+        place = tuple(true_cameras()[camera, X:].tolist())
+        anchors += [
+            dataclasses.replace(distance(camera, rng, factor), **exact),
+            dataclasses.replace(point(camera, rng), **exact),
+            cf.KnownCamera(
+                camera, **known, focal_sd=1e-9, height_sd=1e-9, position=place, position_sd=1e-9
+            ),
+        ]
+    chosen = rng.permutation(len(anchors))[: rng.integers(3, 8)]
+    try:
+        found = anchored(calibration, [anchors[at] for at in chosen])
+    except CalibrationError:
+        return
+    assert (found.focal_sd > 0).all()
+    least, *_, largest = np.linalg.eigvalsh(found.camera_covariance.reshape(7 * CAMERAS, -1))
+    assert least >= -1e-9 * largest
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_fit_is_that_of_the_dense_problem(seed):
     calibration, rng = drawn(seed, size=0.3)
@@ -321,9 +347,10 @@ def test_the_fit_is_that_of_the_dense_problem(seed):
     assert found.crowd_height == pytest.approx(RULES.person_height * np.exp(at[-4]), rel=1e-5)
 
 
-def test_places_on_earth_make_a_scene_that_knows_its_place():
+@pytest.mark.parametrize("place", [8.5, 180.0])
+def test_places_on_earth_make_a_scene_that_knows_its_place(place):
     calibration, rng = drawn(3)
-    earth = cf.GeoReference(8.5, 47.3, 30.0)
+    earth = cf.GeoReference(place, 47.3, 30.0)
     points = [point(c, rng) for c in (0, 1, 2)]
     anchors = []
     for p in points:

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from catfree.adapters.files._documents import read_json
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import GeoReference
+from catfree.types._georeference import middle_of
 from catfree.types._validation import as_positive
 
 Pixel = tuple[float, float]
@@ -313,7 +314,7 @@ def resolve_anchors(
             "Anchors on a map must determine where it lies: give two different points or camera "
             "positions, or the position and rotation of a camera."
         )
-    earth = GeoReference(*degrees.mean(0).tolist()) if len(degrees) else None
+    earth = middle_of(degrees) if len(degrees) else None
     return tuple(index), earth
 
 
