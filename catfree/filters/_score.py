@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Num
 
 from catfree.errors import InvalidInputError
@@ -95,10 +96,13 @@ def view_support_ratio(
     Returns:
         () in [0, 1]; 0 if no camera sees the position.
 
+    Raises:
+        InvalidInputError: if the two are of different shapes, or do not hold true and false.
+
     Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
     """
-    supporting = jnp.asarray(supporting)
-    seeing_count = jnp.sum(supporting | jnp.asarray(seeing))
+    supporting = as_mask(supporting, np.shape(supporting), "supporting")
+    seeing_count = jnp.sum(supporting | as_mask(seeing, supporting.shape, "seeing"))
     ratio = jnp.sum(supporting) / jnp.maximum(seeing_count, 1)
     return ratio.astype(jnp.result_type(float))
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Num, ScalarLike
 
 from catfree.errors import InvalidInputError, quoted
-from catfree.filters._sample_arrays import as_floating
+from catfree.filters._sample_arrays import as_floating, as_radius
 from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import as_integer, is_traced, require_shape
 
@@ -33,6 +33,9 @@ def support(
         (C,) int32 index of the supporting ray, -1 if the camera has none. Of rays with equal
         weights the one with the smaller angle wins, then the lower index.
 
+    Raises:
+        InvalidInputError: if shapes do not fit, or the radius is negative or not a number.
+
     Source: paper, Sec. "Selecting pedestrian positions", recount of the supporting cameras.
     """
     position, origins, directions = map(as_floating, (position, origins, directions))
@@ -48,7 +51,7 @@ def support(
     u, v, w = directions[..., 0], directions[..., 1], directions[..., 2]
     across = jnp.square(v * z - w * y) + jnp.square(w * x - u * z) + jnp.square(u * y - v * x)
     along = u * x + v * y + w * z
-    limit = jnp.square(jnp.tan(jnp.asarray(radius, position.dtype)))
+    limit = jnp.square(jnp.tan(as_radius(radius, position.dtype)))
     inside = (weights > 0) & (along > 0) & (across <= limit * jnp.square(along))
     best = jnp.max(jnp.where(inside, weights, 0), axis=1, keepdims=True)
     tied = inside & (weights == best)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
-from catfree.geometry._arrays import float_arrays
+from catfree.geometry._arrays import float_arrays, require_vectors
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry._canonical_frame import CanonicalFrame
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
@@ -230,9 +230,13 @@ def implied_height(
     Returns:
         () in scene units. Always finite: for a vertical ray it is the height of the camera.
 
+    Raises:
+        InvalidInputError: if center, ray, position or normal is not one vector.
+
     Source: paper, Sec. "The Scoring Stage", which names implied heights but gives no formula.
     """
     center, ray, position, normal, offset = float_arrays(center, ray, position, normal, offset)
+    require_vectors(3, center=center, ray=ray, position=position, normal=normal)
     rise = normal @ ray
     level = ray - rise * normal
     towards = position - center

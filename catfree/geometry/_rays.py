@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, Real
 from catfree.geometry._arrays import Scalar, float_arrays, require_vectors, safe_norm
 from catfree.geometry.camera import back_project
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import require_shape
 
 
 def pixel_to_ray(
@@ -32,13 +33,14 @@ def pixel_to_ray(
         direction: (3,) unit vector in the world frame.
 
     Raises:
-        InvalidInputError: if pixel or t is not one vector.
+        InvalidInputError: if pixel or t is not one vector, or K or R one matrix.
 
     Source: paper, Sec. "Pedestrian observations and ray reliability", back-projection of the
         bottom center of a box.
     """
     intrinsics, rotation, translation, pixel, distortion = float_arrays(K, R, t, pixel, distortion)
     require_vectors(3, t=translation)
+    require_shape(rotation, (3, 3), "R")
     normalized = back_project(intrinsics, pixel, distortion)
     in_camera = jnp.concatenate([normalized, jnp.ones((1,), normalized.dtype)])
     direction = jnp.asarray(rotation).T @ in_camera

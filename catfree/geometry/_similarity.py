@@ -194,10 +194,14 @@ def nearest_rotation(matrix: Real[HostOrDevice, "dim dim"]) -> Float[Array, "dim
         singular values included (there the derivative of the SVD itself is infinite), and finite
         elsewhere.
 
+    Raises:
+        InvalidInputError: if it is not one square matrix.
+
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns", the lemma.
     """
     (matrix,) = float_arrays(matrix)
+    require_shape(matrix, 2 * matrix.shape[:1], "matrix")
     fixed = jax.lax.stop_gradient(matrix)
     left, values, right = jnp.linalg.svd(fixed)
     sign = jnp.where(jnp.linalg.det(left) * jnp.linalg.det(right) < 0, -1, 1).astype(matrix.dtype)

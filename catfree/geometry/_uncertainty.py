@@ -15,7 +15,7 @@ from catfree.geometry._arrays import (
 )
 from catfree.types import Plane
 from catfree.types._annotations import HostOrDevice
-from catfree.types._validation import require_instance
+from catfree.types._validation import require_instance, require_shape
 
 # Below this many epsilons the reciprocal condition of a matrix is rounding noise.
 SINGULAR_EPSILONS = 8.0
@@ -74,7 +74,7 @@ def ground_covariance(information: Real[HostOrDevice, "3 3"], plane: Plane) -> F
         zero covariance where Lambda is not invertible.
 
     Raises:
-        InvalidInputError: if plane is not a `Plane`.
+        InvalidInputError: if plane is not a `Plane`, or information not of shape (3, 3).
 
     Source: paper, Eq. sigma.
     """
@@ -96,7 +96,7 @@ def ground_sigma(information: Real[HostOrDevice, "3 3"], plane: Plane) -> Float[
         invertible (fewer than two rays, or parallel ones).
 
     Raises:
-        InvalidInputError: if plane is not a `Plane`.
+        InvalidInputError: if plane is not a `Plane`, or information not of shape (3, 3).
 
     Source: paper, Eq. sigma.
     """
@@ -109,6 +109,7 @@ def ground_sigma(information: Real[HostOrDevice, "3 3"], plane: Plane) -> Float[
 @jax.jit
 def _covariance(matrix: Array, basis: Array) -> tuple[Array, Array]:
     """(2, 2) `Pᵀ Λ⁻¹ P` and whether Lambda is singular, in which case the first is arbitrary."""
+    require_shape(matrix, (3, 3), "information")
     scale = matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
     usable = (scale > tiny(matrix.dtype)) & jnp.isfinite(scale)
     scale = jnp.where(usable, scale, 1)

@@ -243,3 +243,12 @@ def test_a_column_too_few_is_an_error_not_another_signal():
     unchecked = inspect.unwrap(filters.auxiliary_score)  # as where no types are checked
     with pytest.raises(InvalidInputError, match="one column for each"):
         unchecked(np.zeros((4, 6)))
+
+
+def test_masks_of_cameras_hold_true_and_false_of_one_shape():
+    ratio = inspect.unwrap(filters.view_support_ratio)  # the tests' check of types comes before
+    assert ratio(np.array([1, 0, 1]), np.ones(3)) == np.float32(2 / 3)
+    with pytest.raises(InvalidInputError, match=r"supporting\[0\] is neither true nor false"):
+        ratio(np.array([2, 0, 3]), np.array([1, 1, 1]))
+    with pytest.raises(InvalidInputError, match="seeing must have shape"):
+        ratio(np.ones(3, bool), np.ones(1, bool))

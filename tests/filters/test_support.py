@@ -168,3 +168,10 @@ def test_vmap_equals_a_loop(dtype):
     looped = [filters.support(p, origins[0], directions, weights, 0.1) for p in position]
     np.testing.assert_array_equal(batched, looped)
     assert (np.asarray(batched) >= 0).any()
+
+
+@pytest.mark.parametrize("radius", [-0.1, np.nan])
+def test_a_radius_that_is_no_angle_is_refused(radius):
+    rays = np.zeros((2, 1, 3)), np.zeros((2, 1))
+    with pytest.raises(InvalidInputError, match="radius is"):
+        filters.support(np.zeros(3), np.ones((2, 3)), *rays, radius)

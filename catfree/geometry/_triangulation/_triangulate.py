@@ -15,6 +15,7 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Real
 
+from catfree.errors import InvalidInputError
 from catfree.geometry import _symmetric3 as symmetric3
 from catfree.geometry._arrays import Scalar, float_arrays, require_rays
 from catfree.geometry._symmetric3 import Triangle
@@ -31,6 +32,7 @@ from catfree.geometry._triangulation._ray_distances import (
     solve_regularized,
 )
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import is_traced, require_shape
 
 
 class Triangulation(eqx.Module):
@@ -78,12 +80,17 @@ def triangulate(
         Without any present ray the position is the zero vector.
 
     Raises:
-        InvalidInputError: if shapes do not fit, or a present direction is not of length 1.
+        InvalidInputError: if shapes do not fit, a present direction is not of length 1, or
+            huber_scale is not one number, 0 or more.
 
     Source: paper, Sec. "Robust 3D position estimation"; Huber (1964) for the loss.
     """
     arrays = float_arrays(origins, directions, weights, huber_scale, outlier_factor)
     require_rays(*arrays[:3])
+    delta = arrays[3]
+    require_shape(delta, (), "huber_scale")
+    if not is_traced(delta) and not delta >= 0:
+        raise InvalidInputError(f"huber_scale is {delta}; it must be a length, 0 or more.")
     return _triangulate(*arrays, jnp.asarray(refit))
 
 

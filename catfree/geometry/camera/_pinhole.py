@@ -12,6 +12,7 @@ from catfree.errors import InvalidInputError
 from catfree.geometry._arrays import float_arrays, require_vectors, safe_norm
 from catfree.geometry.camera._inversion import inside_fold, invert
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import require_shape
 
 # A point is in front of a camera if its depth is more than this share of its distance. Below it
 # (89.99 degrees off the axis) no pinhole image exists and powers of the radius overflow float32.
@@ -101,7 +102,7 @@ def pinhole_ray(
         (3,) unit vector in camera axes; finite but arbitrary beyond the fold of the lens.
 
     Raises:
-        InvalidInputError: if pixel is not one vector.
+        InvalidInputError: if pixel is not one vector, or K one matrix.
     """
     ideal = back_project(K, pixel, distortion)
     ray = jnp.append(ideal, jnp.ones((), ideal.dtype))
@@ -124,10 +125,11 @@ def pinhole_pixel(
             the fold of the lens.
 
     Raises:
-        InvalidInputError: if point is not one vector.
+        InvalidInputError: if point is not one vector, or K one matrix.
     """
     intrinsics, xyz, lens = float_arrays(K, point, distortion)
     require_vectors(3, point=xyz)
+    require_shape(intrinsics, (3, 3), "K")
     normalized, in_front = _normalize(xyz)
     if lens is None:
         return to_pixel(intrinsics, normalized), in_front
@@ -160,10 +162,12 @@ def project(
         depth: () coordinate along the optical axis in scene units, negative behind the camera.
 
     Raises:
-        InvalidInputError: if point or t is not one vector.
+        InvalidInputError: if point or t is not one vector, or K or R one matrix.
     """
     intrinsics, rotation, translation, world, distortion = float_arrays(K, R, t, point, distortion)
     require_vectors(3, t=translation, point=world)
+    require_shape(intrinsics, (3, 3), "K")
+    require_shape(rotation, (3, 3), "R")
     in_camera = rotation @ world + translation
     normalized, _ = _normalize(in_camera)
     if distortion is not None:
@@ -187,10 +191,11 @@ def back_project(
         (2,) x/z, y/z in the camera frame.
 
     Raises:
-        InvalidInputError: if pixel is not one vector.
+        InvalidInputError: if pixel is not one vector, or K one matrix.
     """
     intrinsics, at, lens = float_arrays(K, pixel, distortion)
     require_vectors(2, pixel=at)
+    require_shape(intrinsics, (3, 3), "K")
     normalized = from_pixel(intrinsics, at)
     return normalized if lens is None else undistort(normalized, lens)
 

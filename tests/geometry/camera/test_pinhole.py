@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as hnp
 from catfree import geometry
 from catfree.errors import InvalidInputError
 from catfree.geometry import camera
+from catfree.types import Plane
 
 K = np.array([[1400.0, 0, 960], [0, 1350, 540], [0, 0, 1]])
 WIDE_LENS = np.array([-0.30, 0.11, 0.001, -0.0008, -0.015])
@@ -153,3 +154,22 @@ def test_undistortion_reads_lists_and_either_byte_order():
     assert (geometry.undistort(point.astype(">f4"), lens.astype(">f4")) == wanted).all()
     plain = inspect.unwrap(geometry.undistort)  # the tests' check of types comes before
     np.testing.assert_allclose(plain(point.tolist(), lens.tolist()), wanted, rtol=1e-6)
+
+
+def test_several_cameras_at_once_are_refused():
+    point, pixel, many = np.ones(3), np.ones(2), np.tile(np.eye(3), (2, 1, 1))
+    for name, arguments, matrix in (
+        ("back_project", (many, pixel), "K"),
+        ("project", (many, np.eye(3), point, point), "K"),
+        ("project", (np.eye(3), many, point, point), "R"),
+        ("pixel_to_ray", (np.eye(3), many, point, pixel), "R"),
+    ):
+        unchecked = inspect.unwrap(getattr(geometry, name))
+        with pytest.raises(InvalidInputError, match=rf"{matrix} must have shape \(3, 3\)"):
+            unchecked(*arguments)
+    for name, arguments in (
+        ("nearest_rotation", (many,)),
+        ("ground_sigma", (many, Plane(np.array([0.0, 0, 1]), 0.0))),
+    ):
+        with pytest.raises(InvalidInputError, match=r"must have shape .*, got \(2, 3, 3\)"):
+            inspect.unwrap(getattr(geometry, name))(*arguments)

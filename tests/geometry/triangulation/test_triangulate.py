@@ -390,3 +390,9 @@ def test_an_infinite_huber_scale_is_least_squares(x64):
     found = triangulate(*case, np.inf)
     np.testing.assert_allclose(found.position, least_squares(*case), atol=1e-10)
     assert found.inliers.all()
+
+
+@pytest.mark.parametrize("delta", [-1.0, np.nan])
+def test_a_scale_that_is_no_length_is_refused(delta):
+    with pytest.raises(InvalidInputError, match=r"huber_scale is .*; it must be a length"):
+        geometry.triangulate(np.zeros((3, 3)), np.eye(3), np.ones(3), delta)
