@@ -181,24 +181,30 @@ def _candidates(
     votes = []
     for plane in work.planes(camera, middle):
         camera_map = work.local_map(work.voting, camera, plane)
-        votes += [(v, plane) for v in vote(people, camera_map, settings, CANDIDATES)]
-    votes.sort(key=lambda item: -item[0].score)
-    starts = [placement.place(plane) for placement, plane in votes]
-    edges = [p for p in pairs if camera in p.cameras and state.placed[list(p.cameras)].sum() == 1]
+        votes += [
+            (score, placement.place(plane))
+            for score, placement in vote(people, camera_map, settings, CANDIDATES)
+        ]
+    starts = [start for _, start in sorted(votes, key=lambda item: -item[0])]
+    edges = [
+        pair
+        for pair in pairs
+        if pair.state.placed[camera] and (pair.state.placed & state.placed).any()
+    ]
     edges.sort(key=lambda pair: -pair.margin)
     composed = [_compose(state, pair, camera) for pair in edges]
     kept: list[np.ndarray] = []
     for start in composed[:1] + starts + composed[1:]:
-        place = Placement(start[PAN], start[X:Z], 0.0)
-        if not any(place.is_near(Placement(o[PAN], o[X:Z], 0.0), settings) for o in kept):
+        place = Placement(start[PAN], start[X:Z])
+        if not any(place.is_near(Placement(o[PAN], o[X:Z]), settings) for o in kept):
             kept.append(start)
     return kept
 
 
 def _compose(state: RigState, pair: PairHypothesis, camera: int) -> Float[np.ndarray, "7"]:
     """Place a camera relative to the placed camera of a pair."""
-    (other,) = set(pair.cameras) - {camera}
+    (other,) = np.flatnonzero(pair.state.placed & state.placed)
     relative, anchor = pair.state.parameters[[camera, other]]
     placed = state.parameters[other]
     angle = placed[PAN] - anchor[PAN]
-    return Placement(angle, placed[X:Z] - turn(anchor[X:Z], angle), 0.0).place(relative)
+    return Placement(angle, placed[X:Z] - turn(anchor[X:Z], angle)).place(relative)
