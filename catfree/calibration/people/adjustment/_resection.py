@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._people_bundle import camera_prior
@@ -34,6 +34,7 @@ from catfree.settings import CalibrationSettings
 
 TOLERANCES = (0.10, 0.06, 0.03)  # fraction of the range, decreasing as the camera converges
 PASSES = 2
+MOST_STEPS = 8  # of a fit
 FEWEST_MATCHES = 6
 MATCHES_BLOCK = 1024  # matches are padded to this number, or to a power of four times it
 FITS_BLOCK = 4  # fits are padded in the same way
@@ -120,7 +121,6 @@ def fit_cameras(
     settings: CalibrationSettings,
     *,
     log_focal: float,
-    iterations: int = 8,
 ) -> Float[np.ndarray, "fit 7"]:
     """Fit the seven parameters of cameras by Levenberg-Marquardt with a Cauchy loss.
 
@@ -129,7 +129,6 @@ def fit_cameras(
         matches: boxes and people of each fit.
         settings: constants.
         log_focal: mean of the prior on log focal length; `focal_spread` is its deviation.
-        iterations: maximum number of steps.
 
     Returns:
         (F, 7) the parameters with the smallest cost.
@@ -159,7 +158,6 @@ def fit_cameras(
             jnp.asarray(settings.foot_offset),
             jnp.asarray(mean),
             jnp.asarray(precision),
-            jnp.asarray(iterations, jnp.int32),
         )
         return np.asarray(fitted)[: len(matches), 0]
 
@@ -206,10 +204,9 @@ def _fit(
     foot_offset: Float[Array, ""],
     mean: Float[Array, "1 7"],
     camera_precision: Float[Array, "1 7"],
-    most_steps: Int[Array, ""],
 ) -> Float[Array, "fit 1 7"]:
     """The cameras with the smallest cost; boxes without information are absent."""
-    solver = SchurLevenbergMarquardt(most_steps=most_steps)
+    solver = SchurLevenbergMarquardt(most_steps=MOST_STEPS)
 
     def fit(one: tuple[Array, ...]) -> Array:
         start, people, box, information, covariance = one
