@@ -57,7 +57,7 @@ UNKNOWN = 1e3  # relative standard deviation of a height of which nothing is kno
 FLATTEST = 0.01  # radians below the horizon; a pixel sees nearer ground
 UNCHECKED = 1e-9  # share of a measurement's information below which nothing else determines it
 ON_MAP = (POSITION, ROTATION, POINT)
-LOGARITHMS = (DISTANCE, HEIGHT, FOCAL)
+LOGARITHMS = (DISTANCE, HEIGHT, FOCAL, PEOPLE)
 
 
 class _Innovation(NamedTuple):
@@ -143,18 +143,13 @@ def anchored(
     unusual = settings.unusual_height_sd / settings.person_height
     problem = _Problem([*usable, people], cameras, _prior(calibration), start, unusual)
     chosen, fit = _consistent(problem, np.log(settings.anchor_level))
-    checks, results = [], zip(fit.innovations, chosen.tolist(), strict=True)
-    for m in stated:
-        if registered[m.camera]:
-            innovation, is_used = next(results)
-            checks.append(_check(m, innovation, camera_names, used=is_used))
-        else:
-            reason = f"{_name(m, camera_names)} was not used: the camera is not registered."
-            nothing = (np.nan,) * len(m.value)
-            kind = QUANTITIES[m.kind]
-            checks.append(AnchorCheck(m.anchor, kind, nothing, nothing, 1.0, False, reason))
-    innovation, is_used = next(results)
-    checks.append(_check_of_crowd(calibration, innovation, used=is_used))
+    results = zip(fit.innovations, chosen.tolist(), strict=True)
+    found = [next(results) if registered[m.camera] else (None, False) for m in stated]
+    checks = [
+        _check(m, innovation, calibration, camera_names, used=is_used)
+        for m, (innovation, is_used) in zip([*stated, people], [*found, *results], strict=True)
+    ]
+    innovation = fit.innovations[-1]
     if innovation.log_p < np.log(settings.anchor_level):
         tall = calibration.crowd_height * np.exp(-innovation.off[0])
         raise CalibrationError(
@@ -387,18 +382,24 @@ def _innovation(
 
 def _check(
     measurement: Measurement,
-    innovation: _Innovation,
+    innovation: _Innovation | None,
+    calibration: Calibration,
     camera_names: Sequence[str] | None,
     *,
     used: bool,
 ) -> AnchorCheck:
-    """Compare one stated quantity with what everything else says about it."""
-    kind, value = measurement.kind, measurement.value
-    sd = np.sqrt(np.diag(innovation.covariance))
+    """Compare one stated quantity with what everything else says, None if nothing is known."""
+    anchor, kind, value = measurement.anchor, measurement.kind, measurement.value
     about = _name(measurement, camera_names)
+    if innovation is None:
+        nothing = (np.nan,) * len(value)
+        sentence = f"{about} was not used: the camera is not registered."
+        return AnchorCheck(anchor, QUANTITIES[kind], nothing, nothing, 1.0, False, sentence)
+    sd = np.sqrt(np.diag(innovation.covariance))
     if kind in LOGARITHMS:
-        stated, other = np.exp(value), np.exp(value - innovation.off)
-        difference, sd = stated - other, other * sd
+        unit = calibration.crowd_height if kind == PEOPLE else 1.0
+        other = unit * np.exp(value - innovation.off)
+        difference, sd = unit * np.exp(value) - other, other * sd
         what = f"is {_amount(kind, other[0])} (sd {_amount(kind, sd[0])})"
     else:
         factor, unit = (np.rad2deg(1.0), "degrees") if kind == ROTATION else (1.0, "m")
@@ -407,42 +408,29 @@ def _check(
             f"is off by {np.linalg.norm(difference):.2f} {unit} "
             f"(sd {np.sqrt((sd**2).sum()):.2f} {unit})"
         )
-    if np.isnan(difference).all():
+    if kind == PEOPLE:
+        sentence = _about_people(calibration, calibration.crowd_height - difference[0], used=used)
+    elif np.isnan(difference).all():
         sentence = f"{about} cannot be checked: nothing else determines it."
     else:
         sentence = f"{about} {what} by the people and the other anchors"
         sentence += "." if used else ": it contradicts them and was not used."
-    return AnchorCheck(
-        measurement.anchor,
-        QUANTITIES[kind],
-        tuple(difference.tolist()),
-        tuple(sd.tolist()),
-        float(np.exp(innovation.log_p)),
-        used,
-        sentence,
+    numbers = tuple(difference.tolist()), tuple(sd.tolist()), float(np.exp(innovation.log_p))
+    return AnchorCheck(anchor, QUANTITIES[kind], *numbers, used, sentence)
+
+
+def _about_people(calibration: Calibration, height: float, *, used: bool) -> str:
+    """Compare the height of the people by the anchors, if they tell it, with what is expected."""
+    expected = f"{calibration.crowd_height:.2f} m (sd {calibration.crowd_height_sd:.2f} m)"
+    if np.isnan(height):
+        return f"No anchor tells how tall the people are; {expected} on average is assumed."
+    sentence = f"By the anchors the people are {height:.2f} m tall on average"
+    if used:
+        return f"{sentence}; {expected} was expected."
+    return (
+        f"{sentence}, but {expected} was expected, so that their height is not used: they are not "
+        "the usual adults, or an anchor is wrong."
     )
-
-
-def _check_of_crowd(
-    calibration: Calibration, innovation: _Innovation, *, used: bool
-) -> AnchorCheck:
-    """Compare the expected height of the people with what the anchors say about it."""
-    height, expected_sd = calibration.crowd_height, calibration.crowd_height_sd
-    other = height * np.exp(-innovation.off[0])
-    expected = f"{height:.2f} m (sd {expected_sd:.2f} m)"
-    if np.isnan(other):
-        sentence = f"No anchor tells how tall the people are; {expected} on average is assumed."
-    else:
-        sentence = f"By the anchors the people are {other:.2f} m tall on average"
-        sentence += (
-            f"; {expected} was expected."
-            if used
-            else f", but {expected} was expected, so that their height is not used: they are not "
-            "the usual adults, or an anchor is wrong."
-        )
-    sd = float(other * np.sqrt(innovation.covariance[0, 0]))
-    p_value = float(np.exp(innovation.log_p))
-    return AnchorCheck(None, "people", (float(height - other),), (sd,), p_value, used, sentence)
 
 
 def _name(measurement: Measurement, camera_names: Sequence[str] | None) -> str:
