@@ -18,7 +18,6 @@ from catfree.calibration.people.adjustment._people_bundle import (
     BundleResult,
     KnownCameras,
     adjust_people_bundle,
-    saves,
     weak_prior,
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig
@@ -118,7 +117,7 @@ def refine_with_correspondences(
 
     alike = settings.shared_focal_sd
     ideal, bent = (solved(spread=alike, bent=free) for free in (False, True))
-    is_bent = saves(ideal, bent, settings.free_lens_gain)
+    is_bent = bent.cost <= (1 - settings.free_lens_gain) * ideal.cost
     separate = solved(spread=np.inf, bent=is_bent)
     known = np.flatnonzero(np.isfinite(separate.parameters[:, LOG_FOCAL]))
     errors = separate.camera_covariance(repeats)[:, LOG_FOCAL, :, LOG_FOCAL]
