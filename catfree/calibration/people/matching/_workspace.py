@@ -13,11 +13,6 @@ from catfree.settings import CalibrationSettings
 class Workspace:
     """Boxes of one sequence and quantities computed once from them.
 
-    Args:
-        grid: all boxes.
-        settings: constants.
-        lenses: lenses whose distortion was removed from the boxes.
-
     Attributes:
         grid: all boxes.
         settings: constants.
@@ -32,13 +27,10 @@ class Workspace:
     def __init__(self, grid: BoxGrid, settings: CalibrationSettings, lenses: RadialLenses) -> None:
         self.grid, self.settings, self.lenses = grid, settings, lenses
         self.useful = grid.valid.sum((1, 2)) > settings.minimum_matches
-        tall = grid.box[..., 2] - grid.box[..., 1]
-        self.smallest = np.array(
-            [
-                np.quantile(t[v], 0.05) if v.any() else np.inf
-                for t, v in zip(tall, grid.valid, strict=True)
-            ]
-        )
+        tall = np.where(grid.valid, grid.box[..., 2] - grid.box[..., 1], np.nan)
+        shown = np.flatnonzero(grid.valid.any((1, 2)))
+        self.smallest = np.full(grid.camera_count, np.inf)
+        self.smallest[shown] = np.nanquantile(tall[shown], 0.05, axis=(1, 2))
         self.voting = grid.thinned(settings.voting_frames)
         self.scoring = grid.thinned(settings.scoring_frames)
         self._planes: dict[tuple[int, float], Float[np.ndarray, "plane 7"]] = {}
