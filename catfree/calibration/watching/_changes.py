@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import fdtrc
 
 from catfree.calibration.watching._agreement import Window, prior
-from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN
+from catfree.calibration.watching._sights import LAG, LAGS, PARAMETERS, TURN
 
 KINDS = (TURN, LAG)
 REPEATS = (3, 1, PARAMETERS - 4)  # parameters of the turn, the lag and the rest
@@ -87,9 +87,9 @@ class Course:
         """Growth of each clock's lag in steps per step, and the covariance."""
         p = PARAMETERS * len(self.noise)
         design = np.zeros((p, len(self.value)))
-        design[3::PARAMETERS, p : p + len(self.noise)] = np.eye(len(self.noise))
+        design[LAGS, p : p + len(self.noise)] = np.eye(len(self.noise))
         value, covariance = self._errors(design, floor=False)
-        return value[3::PARAMETERS], covariance[3::PARAMETERS, 3::PARAMETERS]
+        return value[LAGS], covariance[LAGS, LAGS]
 
     def constant(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
         """Errors of all cameras in the middle of the recording, without the changes."""
@@ -102,7 +102,7 @@ class Course:
         """Errors that a design selects: lags relative to the reference."""
         p = len(design)
         relative = np.eye(p)
-        relative[3::PARAMETERS, PARAMETERS * self.reference + 3] -= 1
+        relative[LAGS, PARAMETERS * self.reference + 3] -= 1
         design = relative @ design
         factor = np.sqrt(np.repeat(self.noise[:, [0, 1, 0]], REPEATS, axis=1)).ravel()
         covariance = design @ self.covariance @ design.T * factor[:, None] * factor
@@ -184,7 +184,7 @@ def _fitted(
     design = np.concatenate(
         [
             np.broadcast_to(every, matrix.shape),
-            time[:, None, None] * every[:, LAG.start :: PARAMETERS],
+            time[:, None, None] * every[:, LAGS],
             *((window >= change.window) * every[:, change.columns] for change in changes),
         ],
         axis=2,
@@ -205,8 +205,8 @@ def _fitted(
     covariance = np.linalg.inv(total)
     value = covariance @ right
     noise, freedom = _noise(design @ value, windows)
-    timed = np.flatnonzero(matrix.sum(0).diagonal()[3::PARAMETERS] > 0)
-    lags = (design[len(matrix) // 2] @ value)[3::PARAMETERS]
+    timed = np.flatnonzero(matrix.sum(0).diagonal()[LAGS] > 0)
+    lags = (design[len(matrix) // 2] @ value)[LAGS]
     reference = int(timed[np.argsort(lags[timed])[(len(timed) - 1) // 2]]) if len(timed) else 0
     return Course(changes, design, value, covariance, reference, noise, freedom)
 
