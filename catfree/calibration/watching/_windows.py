@@ -36,14 +36,12 @@ class Watched:
     Attributes:
         sights: the recording.
         windows: in order.
-        errors: (W, C, 8) of each camera in each window, from the boxes of that window.
         seconds: length of a window.
         noise: of the edges of a box, as a share of its height.
     """
 
     sights: Sights
     windows: tuple[Window, ...]
-    errors: Float[np.ndarray, "window cam 8"]
     seconds: float
     noise: Float[np.ndarray, "3"]
 
@@ -108,33 +106,35 @@ def watch_windows(
     begins = _begins(recording, steps, since)
     reach = min(maximum_offset // recording.step, recording.steps // 3)
     shifts = np.array(sorted(range(-reach, reach + 1), key=abs))
-    present = np.zeros((scene.rig.camera_count, PARAMETERS))
+    start = np.zeros((scene.rig.camera_count, PARAMETERS))
     noise = np.array(settings.evidence.edge_noise)
-    windows, errors = [], np.zeros((len(begins), *present.shape))
+    windows: list[Window] = []
     for index, (begin, stop) in enumerate(begins):
         report("windows", index, len(begins))
-        window, present = solve_window(recording, begin, stop, present, noise, shifts)
-        windows.append(window)
-        errors[index] = present
+        windows.append(solve_window(recording, begin, stop, start, noise, shifts))
+        start = windows[-1].errors
     known = np.flatnonzero(scene.rig.registered).tolist()
     for _ in range(SWEEPS):
-        # Lags count from the middle camera.
-        errors[..., LAG] -= np.median(errors[:, known, LAG], axis=1, keepdims=True)
-        again = _likelier_starts(recording, windows, errors, known)
+        windows = [_with_relative_lags(window, known) for window in windows]
+        again = _likelier_starts(recording, windows, known)
         for index, start in again.items():
-            begin, stop = windows[index].begin, windows[index].stop
-            windows[index], errors[index] = solve_window(recording, begin, stop, start, noise)
+            begin, stop = begins[index]
+            windows[index] = solve_window(recording, begin, stop, start, noise)
         if not again:
             break
     report("windows", len(begins), len(begins))
-    return Watched(recording, tuple(windows), errors, steps / rate, noise)
+    return Watched(recording, tuple(windows), steps / rate, noise)
+
+
+def _with_relative_lags(window: Window, cameras: Sequence[int]) -> Window:
+    """Count lags from that of the middle camera."""
+    errors = window.errors.copy()
+    errors[:, LAG] -= np.median(errors[cameras, LAG])
+    return window._replace(errors=errors)
 
 
 def _likelier_starts(
-    recording: Sights,
-    windows: Sequence[Window],
-    errors: Float[np.ndarray, "window cam 8"],
-    cameras: Sequence[int],
+    recording: Sights, windows: Sequence[Window], cameras: Sequence[int]
 ) -> dict[int, Float[np.ndarray, "cam 8"]]:
     """The windows that should be solved again, and from which errors of all cameras.
 
@@ -143,6 +143,7 @@ def _likelier_starts(
     neighboring windows say.
     """
     starts = {}
+    errors = np.array([window.errors for window in windows])
     for index, usual in enumerate(_usual(windows, errors, cameras)):
         window, start = windows[index], errors[index].copy()
         nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(windows)]
