@@ -193,7 +193,7 @@ def test_resection_is_exact_on_exact_people_alone_or_with_other_fits():
         fitted = [starts[at] for at in chosen]
         for _ in range(5):
             matched = [matches[at] for at in chosen]
-            fitted = fit_cameras(fitted, matched, SETTINGS, log_focal=float(RIG[1, 0]))
+            fitted = fit_cameras(list(fitted), matched, SETTINGS, log_focal=float(RIG[1, 0]))
         return fitted
 
     together = fit(range(5))
