@@ -9,7 +9,6 @@ from catfree.calibration._adjusted_cameras import moved_rig, with_registered
 from catfree.calibration._bundle_adjustment import (
     CENTER_SD,
     ROTATION_SD,
-    FootPixels,
     adjust,
     project_directions,
 )
@@ -213,8 +212,7 @@ def _adjusted(
     direction = np.asarray(current.rays.direction, np.float64)[member]
     # Projected rays are the foot pixels without lens distortion.
     pixel = project_directions(current.rig, direction)
-    sightings = FootPixels(pixel, weight)
-    return adjust(sightings, start, current.step, current.points, iterations=STEPS).step
+    return adjust(pixel, weight, start, current.step, current.points, iterations=STEPS)
 
 
 def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray, " n"]:
