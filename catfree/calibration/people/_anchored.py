@@ -16,8 +16,13 @@ import scipy  # its statistics, which take long to import, where they are used
 from jaxtyping import Bool, Float
 
 from catfree.calibration.people._radial_lens import radial_distortion
-from catfree.calibration.people._register import Calibration, scene_of
-from catfree.calibration.people.adjustment._anchor_residuals import (
+from catfree.calibration.people._register import Calibration
+from catfree.calibration.people.anchors._anchors import (
+    Anchor,
+    AnchorCheck,
+    resolve_anchors,
+)
+from catfree.calibration.people.anchors._measurements import (
     DISTANCE,
     FOCAL,
     HEIGHT,
@@ -31,17 +36,13 @@ from catfree.calibration.people.adjustment._anchor_residuals import (
     map_cameras,
     measurements_of,
 )
-from catfree.calibration.people.adjustment._anchors import (
-    Anchor,
-    AnchorCheck,
-    resolve_anchors,
-)
 from catfree.calibration.people.cameras._camera_model import (
     LOG_FOCAL,
     PAN,
     X,
     of_rig,
     rotation,
+    scene_of,
 )
 from catfree.calibration.people.cameras._rig_deviation import scale_deviation, shape_deviation
 from catfree.errors import CalibrationError, InvalidInputError, shortened

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from catfree.calibration.people._box_grid import edges_from_center
 from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
-from catfree.calibration.people._register import Calibration, scene_of
+from catfree.calibration.people._register import Calibration
 from catfree.calibration.people.adjustment._focal_spread import learn_focal_spread
 from catfree.calibration.people.adjustment._people_bundle import (
     BoxMeasurements,
@@ -20,7 +20,7 @@ from catfree.calibration.people.adjustment._people_bundle import (
     adjust_people_bundle,
     weak_prior,
 )
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig, scene_of
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, map_ground
 from catfree.calibration.people.cameras._rig_deviation import (
     crowd_deviation,

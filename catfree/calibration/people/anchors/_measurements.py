@@ -15,7 +15,7 @@ import scipy  # its linear algebra, which takes long to import, where it is used
 from jaxtyping import Array, Float, Int
 
 from catfree.calibration.people._radial_lens import ideal_pixels
-from catfree.calibration.people.adjustment._anchors import (
+from catfree.calibration.people.anchors._anchors import (
     Anchor,
     KnownCamera,
     KnownDistance,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.calibration.people.adjustment._anchor_residuals import (
+from catfree.calibration.people.anchors._measurements import (
     DISTANCE,
     POINT,
     POSITION,
