@@ -111,6 +111,10 @@ class Sights:
     steps: int
     detections: Detections
 
+    def frame(self, step: int) -> int:
+        """Frame number of a step."""
+        return self.first + step * self.step
+
     def imaged(
         self, camera: Int[np.ndarray, " n"], state: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, " n"]:

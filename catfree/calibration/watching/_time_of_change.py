@@ -111,7 +111,7 @@ def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, f
     near = np.flatnonzero(total >= total.max() - ELBOW * course.noise[change.camera].max())
     deviation = max((near[-1] - near[0] + 1) / 4, 0.5)
     step = low + int(total.argmax())
-    return sights.first + step * sights.step, float(deviation * sights.step)
+    return sights.frame(step), float(deviation * sights.step)
 
 
 def _costs(

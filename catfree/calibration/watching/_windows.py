@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from catfree.calibration.watching._agreement import Window, solve_window
 from catfree.calibration.watching._matching import CELL, best
@@ -91,13 +91,14 @@ def watch_windows(
     require_instance(localization, Localization, "localization")
     localization.require_detections(detections)
     keep = is_confident(detections, settings.confidence)
-    confident, localization = detections[keep], _of_rows(localization, keep)
+    confident, tracks = detections[keep], localization.tracks
     if not np.asarray(scene.rig.registered)[confident.camera].any():
         raise InsufficientDataError(
             "Checking a rig needs confident boxes of its registered cameras, but there are none. "
             "Check that the detections belong to the scene, and their scores."
         )
-    recording = sights(scene, confident, localization.tracks)
+    row = np.append(np.where(keep, np.cumsum(keep) - 1, -1), -1)  # of `confident`
+    recording = sights(scene, confident, replace(tracks, support=row[tracks.support]))
     rate = (
         UNKNOWN_RATE if detections.clock is None else detections.clock.frame_rate / recording.step
     )
@@ -220,11 +221,3 @@ def _begins(recording: Sights, steps: int, since: int | None) -> list[tuple[int,
         boxes = np.searchsorted(inside, stops) - np.searchsorted(inside, begins)
         result += zip(begins[boxes > 0].tolist(), stops[boxes > 0].tolist(), strict=True)
     return result
-
-
-def _of_rows(localization: Localization, keep: Bool[np.ndarray, " n"]) -> Localization:
-    """The localization as if only the kept detections had been given."""
-    row: Int[np.ndarray, " n"] = np.where(keep, np.cumsum(keep) - 1, -1)
-    tracks = localization.tracks
-    support = np.where(tracks.support >= 0, row[tracks.support], -1)
-    return replace(localization, tracks=replace(tracks, support=support))
