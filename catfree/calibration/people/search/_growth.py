@@ -33,7 +33,7 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
     Args:
         work: the sequence.
         rig: two cameras.
-        pairs: all pair hypotheses, for candidates relative to placed cameras.
+        pairs: all pair hypotheses, best first, for candidates relative to placed cameras.
 
     Returns:
         The rig with the last verdicts.
@@ -118,7 +118,7 @@ def accepted_candidates(
         work: the sequence.
         state: the rig without the camera.
         camera: index of the camera.
-        pairs: pair hypotheses, for candidates relative to placed cameras.
+        pairs: pair hypotheses, best first, for candidates relative to placed cameras.
         most: number of placements to refine; None for all.
 
     Returns:
@@ -186,13 +186,11 @@ def _candidates(
             for score, placement in vote(people, camera_map, settings, CANDIDATES)
         ]
     starts = [start for _, start in sorted(votes, key=lambda item: -item[0])]
-    edges = [
-        pair
+    composed = [
+        _compose(state, pair, camera)
         for pair in pairs
         if pair.state.placed[camera] and (pair.state.placed & state.placed).any()
     ]
-    edges.sort(key=lambda pair: -pair.margin)
-    composed = [_compose(state, pair, camera) for pair in edges]
     kept: list[np.ndarray] = []
     for start in composed[:1] + starts + composed[1:]:
         place = Placement(start[PAN], start[X:Z])
