@@ -158,7 +158,7 @@ class EvidenceLoop:
                 people.member,
                 self.settings.calibration,
                 box_sd=people.box_sd,
-                repeats=max(people.repeats * people.stays, 1.0),
+                repeats=people.repeats * people.stays,
             )
         except InsufficientDataError:
             return None
