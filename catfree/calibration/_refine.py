@@ -116,7 +116,12 @@ def refine(
     rounds = as_count(rounds, "rounds", least=0)
     report = progress or no_progress
     require_pinholes(scene.rig)
-    _require_cameras(detections, scene.rig)
+    require_known_cameras(detections.camera, scene.rig.camera_count)
+    if scene.rig.registered.sum() < CAMERAS:
+        raise InsufficientDataError(
+            f"Refinement needs people seen by {CAMERAS} cameras, but only "
+            f"{int(scene.rig.registered.sum())} of {scene.rig.camera_count} cameras are registered."
+        )
     require_different_cameras(detections.frame, detections.camera, detections.box)
     keep = is_confident(detections, settings.confidence)
     keep = keep & scene.rig.registered[detections.camera]
@@ -169,15 +174,6 @@ def _refine_by_paper(
     report("refinement", rounds, rounds)
     refined = scene if chosen == 0 else _scene(frame, scene, best)
     return Refinement(refined, np.array(residuals), chosen, np.array(people))
-
-
-def _require_cameras(detections: Detections, rig: Rig) -> None:
-    require_known_cameras(detections.camera, rig.camera_count)
-    if rig.registered.sum() < CAMERAS:
-        raise InsufficientDataError(
-            f"Refinement needs people seen by {CAMERAS} cameras, but only "
-            f"{int(rig.registered.sum())} of {rig.camera_count} cameras are registered."
-        )
 
 
 def _associated(
