@@ -6,14 +6,13 @@ which the focal length and height of a camera are nearly indistinguishable, so a
 cameras to their start, within the usual errors of a reconstruction. It also fixes frame and scale.
 """
 
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from catfree.calibration._adjusted_cameras import moved_rig
 from catfree.geometry._arrays import safe_norm
@@ -41,73 +40,43 @@ ROTATION_SD, CENTER_SD, FOCAL_SD = np.deg2rad(2.0), 0.03, 0.02
 STEP_SD = np.array([ROTATION_SD] * 3 + [CENTER_SD] * 3 + [FOCAL_SD])
 
 
-@dataclass(frozen=True)
-class FootPixels:
-    """Foot pixels of people, one row per person and one column per camera.
-
-    Attributes:
-        pixel: (P, C, 2) foot pixels without lens distortion; arbitrary where `weight` is 0.
-        weight: (P, C) reliability, 0 where the camera does not see the person.
-    """
-
-    pixel: Float[np.ndarray, "person cam 2"]
-    weight: Float[np.ndarray, "person cam"]
-
-    @property
-    def present(self) -> Bool[np.ndarray, "person cam"]:
-        """(P, C) true where the camera sees the person."""
-        return self.weight > 0
-
-
-class Adjustment(NamedTuple):
-    """An adjusted rig.
-
-    Attributes:
-        step: (C, 7) of the cameras from their start (`moved_rig`).
-        cost: robust cost at the end, in squared standard deviations.
-        noise: standard deviation in pixels of a foot pixel of weight 1.
-    """
-
-    step: Float[np.ndarray, "cam 7"]
-    cost: float
-    noise: float
-
-
 def adjust(
-    sightings: FootPixels,
+    pixel: Float[np.ndarray, "person cam 2"],
+    weight: Float[np.ndarray, "person cam"],
     start: Rig,
     step: Float[np.ndarray, "cam 7"],
     points: Float[np.ndarray, "person 3"],
     *,
     iterations: int,
-) -> Adjustment:
+) -> Float[np.ndarray, "cam 7"]:
     """Adjust cameras and people to the foot pixels with Levenberg-Marquardt.
 
     Args:
-        sightings: the foot pixels.
+        pixel: (P, C, 2) foot pixels without lens distortion; arbitrary where `weight` is 0.
+        weight: (P, C) reliability, 0 where the camera does not see the person.
         start: the cameras that the prior ties to, in the canonical frame (E = 1).
         step: (C, 7) initial step from them (`moved_rig`).
         points: (P, 3) initial people.
         iterations: maximum number of steps.
 
     Returns:
-        The adjusted cameras. Those that see no people stay at `start`.
+        (C, 7) step of the adjusted cameras. Those that see no people stay at `start`.
 
     Source:
         Sec. "Camera configuration and ground estimation"; Triggs et al. (2000), "Bundle
         adjustment: a modern synthesis", for the elimination of the points.
     """
-    noise = _noise(sightings, moved_rig(start, step), points)
+    noise = _noise(pixel, weight, moved_rig(start, step), points)
     K, R, center = (np.nan_to_num(part) for part in (start.K, start.R, start.centers))
-    people, count = sightings.weight.shape
+    people, count = weight.shape
     P, C = padded_length(people, PEOPLE_BLOCK), count + -count % CAMERA_BLOCK
-    pixel = np.where(sightings.present[..., None], sightings.pixel, 0.0)
+    pixel = np.where(weight[..., None] > 0, pixel, 0.0)
     with jax.enable_x64(True):
-        solution, cost = _solve(
+        solution = _solve(
             Unknowns(padded(step, C), padded(points, P)),
             _Feet(
                 offset=padded((pixel - K[:, :2, 2]).swapaxes(0, 1), C, P),
-                precision=padded(np.sqrt(sightings.weight).T / noise, C, P),
+                precision=padded(np.sqrt(weight).T / noise, C, P),
                 R=padded(R, C),
                 center=padded(center, C),
                 focal=padded(K[:, :2, :2], C),
@@ -115,7 +84,7 @@ def adjust(
             ),
             jnp.asarray(iterations, jnp.int32),
         )
-        return Adjustment(np.array(solution.view)[:count], float(cost), noise)
+        return np.array(solution.view)[:count]
 
 
 class _Feet(NamedTuple):
@@ -192,13 +161,12 @@ def _problem(
 
 
 @jax.jit
-def _solve(start: Unknowns, feet: _Feet, most_steps: Array) -> tuple[Unknowns, Array]:
+def _solve(start: Unknowns, feet: _Feet, most_steps: Array) -> Unknowns:
     args = jnp.zeros(0, start.view.dtype), feet
     solver = SchurLevenbergMarquardt(
         CONVERGED, 0.0, damping=DAMPING, fall=FALL, most_steps=most_steps
     )
-    solution = minimize(_problem, start, args, solver)
-    return solution.value, solution.stats["cost"]
+    return minimize(_problem, start, args, solver).value
 
 
 def project_directions(
@@ -211,11 +179,16 @@ def project_directions(
     return offset + rig.K[:, :2, 2]
 
 
-def _noise(sightings: FootPixels, rig: Rig, points: Float[np.ndarray, "person 3"]) -> float:
+def _noise(
+    pixel: Float[np.ndarray, "person cam 2"],
+    weight: Float[np.ndarray, "person cam"],
+    rig: Rig,
+    points: Float[np.ndarray, "person 3"],
+) -> float:
     """Estimate the standard deviation of a foot pixel of weight 1 from the median residual."""
     direction = points[:, None] - rig.centers
     in_front = np.einsum("ci,pci->pc", rig.R[:, 2], direction) > NEAREST_DEPTH
-    length = np.linalg.norm(sightings.pixel - project_directions(rig, direction), axis=-1)
-    standard = (length * np.sqrt(sightings.weight))[sightings.present & in_front]
+    length = np.linalg.norm(pixel - project_directions(rig, direction), axis=-1)
+    standard = (length * np.sqrt(weight))[(weight > 0) & in_front]
     median = float(np.median(standard)) if standard.size else 0.0
     return max(median / RAYLEIGH_MEDIAN, SMALLEST_NOISE)

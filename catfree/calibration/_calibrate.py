@@ -1,7 +1,6 @@
 """Calibrate a metric rig from boxes alone: registration, then refinement by evidence."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from catfree.calibration._evidence_loop import EvidenceLoop
 from catfree.calibration.people import (
@@ -15,7 +14,6 @@ from catfree.calibration.people import (
     without_vague_cameras,
 )
 from catfree.calibration.people._register import camera_sizes
-from catfree.calibration.watching import synchronize
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
@@ -128,11 +126,6 @@ def refine_registered(
     synchronized = remove_offsets(detections, registered.frame_offset)
     report = progress or no_progress
     loop = EvidenceLoop(synchronized, settings, report, camera_names)
-    best, synchronized = synchronize(
-        loop.settle(registered),
-        synchronized,
-        settings,
-        lambda boxes, rig: replace(loop, detections=boxes).refine(rig),
-    )
+    best, synchronized = loop.synchronized(loop.settle(registered))
     best = confirm(best, synchronized, rules)
     return without_vague_cameras(best, rules, camera_names)

@@ -5,7 +5,7 @@ the poses of the others. Only after it is removed do the others reveal its true 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,17 +16,24 @@ from catfree.calibration.people import (
     places_for,
     reconsider,
     refine_with_correspondences,
+    remove_offsets,
     without_camera,
 )
 from catfree.calibration.people._residual_outliers import residual_outliers, worst_outlier
+from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
 from catfree.errors import CalibrationError, InsufficientDataError
 from catfree.settings import Settings
 from catfree.types import Detections
 from catfree.types._annotations import Progress
+from catfree.types._sampling import frame_step
 from catfree.types._validation import shown_camera
 
 FEWEST_TO_FLAG = 3  # with three cameras, two that agree expose the third
 RESTING = 0.2  # standard deviations; a smaller move adds two percent to a camera's error
+FEWEST_TO_SYNCHRONIZE = 3  # two cameras that disagree do not tell which of them is late
+ROUNDS = 6  # a rig hides a part of a lag, which shows after the rest is corrected
+AGAIN = 0.5  # `WHOLE_FRAME` of a camera that was late before
+GAIN = 0.02  # in `_information`, that all corrections together must bring
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,34 @@ class EvidenceLoop:
         """
         best = self._grow(self.replace_outliers(self.refine(calibration)))
         return self.without_outliers(best)
+
+    def synchronized(self, calibration: Calibration) -> tuple[Calibration, Detections]:
+        """Correct late cameras of a settled rig by whole frames as long as more boxes fit better.
+
+        Returns:
+            The rig, whose `frame_offset` includes the corrections, and the corrected boxes.
+        """
+        settings, detections = replace(self.settings, method="evidence"), self.detections
+        step = frame_step(np.unique(detections.frame))
+        kept = calibration, detections
+        least = (1 + GAIN) * _information(calibration)
+        for _ in range(ROUNDS):
+            if calibration.scene.rig.registered.sum() < FEWEST_TO_SYNCHRONIZE:
+                break
+            try:
+                clocks = estimate_clocks(calibration.scene, detections, settings=settings)
+            except InsufficientDataError:
+                break
+            smallest = np.where(calibration.frame_offset == 0, WHOLE_FRAME, AGAIN)
+            offset = clocks.whole_offsets(step, smallest)
+            if not offset.any():
+                break
+            detections = remove_offsets(detections, offset)
+            refined = replace(self, detections=detections).refine(calibration)
+            calibration = replace(refined, frame_offset=calibration.frame_offset + offset)
+            if _information(refined) >= least:
+                kept, least = (calibration, detections), _information(refined)
+        return kept
 
     def without_outliers(self, calibration: Calibration) -> Calibration:
         """Remove cameras whose boxes fit far worse than those of the others, and refine.
@@ -123,7 +158,7 @@ class EvidenceLoop:
                 people.member,
                 self.settings.calibration,
                 box_sd=people.box_sd,
-                repeats=max(people.repeats * people.stays, 1.0),
+                repeats=people.repeats * people.stays,
             )
         except InsufficientDataError:
             return None
@@ -165,6 +200,14 @@ class EvidenceLoop:
         boxes = np.maximum(np.bincount(self.detections.camera, minlength=len(registered)), 1)
         support = np.where(registered, calibration.sightings / boxes, np.nan)
         return worst_outlier(calibration.camera_residual, support, self.settings.calibration, tried)
+
+
+def _information(calibration: Calibration) -> float:
+    """Return how well the boxes support the rig: how many fit, over their mean squared residual.
+
+    The residual alone would favor a rig in which a late camera lost most of its boxes.
+    """
+    return float(calibration.sightings.sum() / max(calibration.residual, 1e-9) ** 2)
 
 
 def largest_move(before: Calibration, after: Calibration) -> float:

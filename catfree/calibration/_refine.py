@@ -9,7 +9,6 @@ from catfree.calibration._adjusted_cameras import moved_rig, with_registered
 from catfree.calibration._bundle_adjustment import (
     CENTER_SD,
     ROTATION_SD,
-    FootPixels,
     adjust,
     project_directions,
 )
@@ -117,7 +116,12 @@ def refine(
     rounds = as_count(rounds, "rounds", least=0)
     report = progress or no_progress
     require_pinholes(scene.rig)
-    _require_cameras(detections, scene.rig)
+    require_known_cameras(detections.camera, scene.rig.camera_count)
+    if scene.rig.registered.sum() < CAMERAS:
+        raise InsufficientDataError(
+            f"Refinement needs people seen by {CAMERAS} cameras, but only "
+            f"{int(scene.rig.registered.sum())} of {scene.rig.camera_count} cameras are registered."
+        )
     require_different_cameras(detections.frame, detections.camera, detections.box)
     keep = is_confident(detections, settings.confidence)
     keep = keep & scene.rig.registered[detections.camera]
@@ -172,15 +176,6 @@ def _refine_by_paper(
     return Refinement(refined, np.array(residuals), chosen, np.array(people))
 
 
-def _require_cameras(detections: Detections, rig: Rig) -> None:
-    require_known_cameras(detections.camera, rig.camera_count)
-    if rig.registered.sum() < CAMERAS:
-        raise InsufficientDataError(
-            f"Refinement needs people seen by {CAMERAS} cameras, but only "
-            f"{int(rig.registered.sum())} of {rig.camera_count} cameras are registered."
-        )
-
-
 def _associated(
     observations: Observations,
     start: Rig,
@@ -213,8 +208,7 @@ def _adjusted(
     direction = np.asarray(current.rays.direction, np.float64)[member]
     # Projected rays are the foot pixels without lens distortion.
     pixel = project_directions(current.rig, direction)
-    sightings = FootPixels(pixel, weight)
-    return adjust(sightings, start, current.step, current.points, iterations=STEPS).step
+    return adjust(pixel, weight, start, current.step, current.points, iterations=STEPS)
 
 
 def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray, " n"]:

@@ -191,7 +191,7 @@ def _adjusted(
     # The boxes of a person share their errors over time (shoes, build, detector bias), so all of
     # them together are no more informative about the cameras than one.
     deviation = [FOCAL_SD] + [ROTATION_SD] * 3 + [CENTER_SD * unit_in_meters] * 3
-    precision = max(people.repeats, 1.0) * np.array(deviation) ** -2.0
+    precision = people.repeats * np.array(deviation) ** -2.0
     person, camera = np.nonzero(people.member >= 0)
     row = people.member[person, camera]
     result = adjust_groups(

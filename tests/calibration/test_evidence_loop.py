@@ -1,6 +1,6 @@
 """Cameras beside their places are found and moved, and no longer keep others out."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from catfree.calibration.people import without_camera
 from catfree.errors import CalibrationError
 from catfree.settings import Settings
 from tests.calibration.ring_world import moved, ring_of_six, true_ring
+from tests.calibration.watching.bumped import renumber
 
 pytestmark = pytest.mark.slow
 
@@ -150,3 +151,54 @@ def test_a_move_is_measured_in_deviations_of_the_camera_that_moved_most(right, s
     wider = replace(there, center_covariance=right.center_covariance * scale**2)
     assert largest_move(right, wider) == pytest.approx(largest_move(right, there) / scale)
     assert largest_move(right, right) == 0
+
+
+@dataclass(frozen=True)
+class Refined(EvidenceLoop):
+    """A loop that changes nothing but the residual and the number of boxes that fit."""
+
+    factor: float = 1.0
+    share: float = 1.0
+
+    @classmethod
+    def of(cls, boxes, factor, share=1.0):
+        return cls(boxes, SETTINGS, lambda *_: None, None, factor, share)
+
+    def refine(self, calibration):
+        return replace(
+            calibration,
+            residual=self.factor * calibration.residual,
+            sightings=np.rint(self.share * calibration.sightings).astype(int),
+        )
+
+
+@pytest.fixture(scope="module")
+def late():
+    return renumber(ring_of_six().detections, 2, lambda frame: 2.0 + 0 * frame)
+
+
+def test_a_late_camera_is_corrected_if_the_rig_fits_better_then(late):
+    found, boxes = Refined.of(late, 0.9).synchronized(true_ring())
+    assert (found.frame_offset - found.frame_offset[0]).tolist() == [0, 0, 2, 0, 0, 0]
+    true = ring_of_six().detections.frame
+    assert len(np.unique(boxes.frame - true)) == 1
+
+
+def test_nothing_is_corrected_if_the_rig_fits_no_better(late):
+    found, boxes = Refined.of(late, 1.0).synchronized(true_ring())
+    assert not found.frame_offset.any()
+    assert (boxes.frame == late.frame).all()
+
+
+@pytest.mark.parametrize(("factor", "share", "kept"), [(1.02, 1.4, True), (0.9, 0.7, False)])
+def test_boxes_that_fit_count_as_well_as_how_well_they_fit(late, factor, share, kept):
+    """A late camera that lost most of its people may fit those that are left."""
+    found, _ = Refined.of(late, factor, share).synchronized(true_ring())
+    assert found.frame_offset.any() == kept
+
+
+def test_right_clocks_stay(late):
+    on_time = ring_of_six().detections
+    found, boxes = Refined.of(on_time, 0.5).synchronized(true_ring())
+    assert not found.frame_offset.any()
+    assert (boxes.frame == on_time.frame).all()

@@ -16,7 +16,7 @@ from catfree.calibration.people._register import (
     Calibration as Calibration,
     register as register,
 )
-from catfree.calibration.people.adjustment._anchors import (
+from catfree.calibration.people.anchors._anchors import (
     Anchor as Anchor,
     AnchorCheck as AnchorCheck,
     KnownCamera as KnownCamera,

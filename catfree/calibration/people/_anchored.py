@@ -16,11 +16,17 @@ import scipy  # its statistics, which take long to import, where they are used
 from jaxtyping import Bool, Float
 
 from catfree.calibration.people._radial_lens import radial_distortion
-from catfree.calibration.people._register import Calibration, scene_of
-from catfree.calibration.people.adjustment._anchor_residuals import (
+from catfree.calibration.people._register import Calibration
+from catfree.calibration.people.anchors._anchors import (
+    Anchor,
+    AnchorCheck,
+    resolve_anchors,
+)
+from catfree.calibration.people.anchors._measurements import (
     DISTANCE,
     FOCAL,
     HEIGHT,
+    PEOPLE,
     POINT,
     POSITION,
     QUANTITIES,
@@ -30,17 +36,13 @@ from catfree.calibration.people.adjustment._anchor_residuals import (
     map_cameras,
     measurements_of,
 )
-from catfree.calibration.people.adjustment._anchors import (
-    Anchor,
-    AnchorCheck,
-    resolve_anchors,
-)
 from catfree.calibration.people.cameras._camera_model import (
     LOG_FOCAL,
     PAN,
     X,
     of_rig,
     rotation,
+    scene_of,
 )
 from catfree.calibration.people.cameras._rig_deviation import scale_deviation, shape_deviation
 from catfree.errors import CalibrationError, InvalidInputError, shortened
@@ -56,7 +58,7 @@ UNKNOWN = 1e3  # relative standard deviation of a height of which nothing is kno
 FLATTEST = 0.01  # radians below the horizon; a pixel sees nearer ground
 UNCHECKED = 1e-9  # share of a measurement's information below which nothing else determines it
 ON_MAP = (POSITION, ROTATION, POINT)
-LOGARITHMS = (DISTANCE, HEIGHT, FOCAL)
+LOGARITHMS = (DISTANCE, HEIGHT, FOCAL, PEOPLE)
 
 
 class _Innovation(NamedTuple):
@@ -137,29 +139,18 @@ def anchored(
             "The anchors on the map are seen by cameras that are not registered "
             f"({shortened(listed)}). Add points or positions of others."
         )
-    problem = _Problem(
-        usable,
-        cameras,
-        _prior(calibration),
-        start,
-        calibration.crowd_height_sd / calibration.crowd_height,
-        settings.unusual_height_sd / settings.person_height,
-    )
+    deviation = np.array([calibration.crowd_height_sd / calibration.crowd_height])
+    people = Measurement(None, PEOPLE, 0, np.zeros((2, 2)), np.zeros(1), deviation, 0.0)
+    unusual = settings.unusual_height_sd / settings.person_height
+    problem = _Problem([*usable, people], cameras, _prior(calibration), start, unusual)
     chosen, fit = _consistent(problem, np.log(settings.anchor_level))
-    checks, results = [], zip(fit.innovations, chosen.tolist(), strict=True)
-    for m in stated:
-        if registered[m.camera]:
-            innovation, is_used = next(results)
-            checks.append(_check(m, anchors[m.anchor], innovation, camera_names, used=is_used))
-        else:
-            reason = f"{_name(m, camera_names)} was not used: the camera is not registered."
-            nothing = (np.nan,) * len(m.value)
-            kind = QUANTITIES[m.kind]
-            checks.append(
-                AnchorCheck(anchors[m.anchor], kind, nothing, nothing, 1.0, False, reason)
-            )
-    innovation, is_used = next(results)
-    checks.append(_check_of_crowd(calibration, innovation, used=is_used))
+    results = zip(fit.innovations, chosen.tolist(), strict=True)
+    found = [next(results) if registered[m.camera] else (None, False) for m in stated]
+    checks = [
+        _check(m, innovation, calibration, camera_names, used=is_used)
+        for m, (innovation, is_used) in zip([*stated, people], [*found, *results], strict=True)
+    ]
+    innovation = fit.innovations[-1]
     if innovation.log_p < np.log(settings.anchor_level):
         tall = calibration.crowd_height * np.exp(-innovation.off[0])
         raise CalibrationError(
@@ -174,19 +165,17 @@ class _Problem:
     """Everything that is measured.
 
     Attributes:
-        usable: m measurements of registered cameras.
+        measured: m of registered cameras, and last the usual height of the crowd.
         cameras: (C, 7) cameras from the people.
         prior: (7C, 7C) their covariance.
         start: (f,) where the free entries of the map frame start.
-        crowd: relative standard deviation of the crowd's height.
-        unusual: the same of a crowd that contradicts anchors.
+        unusual: relative standard deviation of the height of a crowd that contradicts anchors.
     """
 
-    usable: list[Measurement]
+    measured: list[Measurement]
     cameras: Float[np.ndarray, "cam 7"]
     prior: Float[np.ndarray, "n n"]
     start: Float[np.ndarray, " f"]
-    crowd: float
     unusual: float
 
     def contradiction(self) -> CalibrationError:
@@ -206,10 +195,10 @@ class _Problem:
 
         Infinite if the map frame is no longer determined, or the fit diverges.
         """
-        if at == len(self.usable):
+        if at == len(chosen) - 1:
             return self.fit(chosen, UNKNOWN).misfit
         rest = chosen & (np.arange(len(chosen)) != at)
-        if len(_start(list(compress(self.usable, rest)), self.cameras)) < len(self.start):
+        if len(_start(list(compress(self.measured, rest)), self.cameras)) < len(self.start):
             return np.inf
         try:
             return self.fit(rest).misfit
@@ -232,23 +221,22 @@ class _Problem:
             CalibrationError: if the fit diverges.
         """
         if crowd is None:
-            crowd = self.crowd if chosen[-1] else self.unusual
+            crowd = self.measured[-1].sd.item() if chosen[-1] else self.unusual
         try:
             return self._fit(chosen, crowd)
         except np.linalg.LinAlgError as error:
             raise self.contradiction() from error
 
     def _fit(self, chosen: Bool[np.ndarray, " u"], crowd: float) -> _Fit:
-        used = list(compress(self.usable, chosen))
+        people = self.measured[-1]._replace(sd=np.array([crowd]))
+        measured = [*compress(self.measured[:-1], chosen), people]
         prior, fixed = self.prior, 4 - len(self.start)
         at, frame = self.cameras, np.pad(self.start, (0, fixed))
         change, rounds = np.inf, 0
         while True:
-            J, noise, off = _linear_rows(used, at, frame)
-            noise.append(np.array([[crowd**2]]))
-            A = np.pad(J[:, :-4], ((0, 1), (0, 0)))
-            G = np.vstack([J[:, -4:], np.eye(4)[:1]])[:, : len(self.start)]
-            off = np.append(off, -frame[0]) + A @ (at - self.cameras).ravel()
+            J, noise, off = linearize(measured, at, frame)
+            A, G = J[:, : at.size], J[:, at.size : at.size + len(self.start)]
+            off = off + A @ (at - self.cameras).ravel()
             gain = prior @ A.T
             W = np.linalg.inv(A @ prior @ A.T + scipy.linalg.block_diag(*noise))
             WG = W @ G
@@ -269,12 +257,18 @@ class _Problem:
         free = error_of @ scipy.linalg.block_diag(prior, *noise) @ error_of.T
         joint = np.pad(free, (0, fixed))
         error = M @ off
-        taken = iter(_innovations(noise, M, error))
-        innovations = [
-            next(taken) if is_chosen else _unused(m, at, frame, joint)
-            for m, is_chosen in zip(self.usable, chosen[:-1], strict=True)
-        ]
-        return _Fit(at, frame, joint, [*innovations, next(taken)], float(off @ error))
+        ends = np.cumsum([len(block) for block in noise])
+        inside = zip(noise, np.split(np.arange(len(M)), ends[:-1]), strict=True)
+        innovations = []
+        for m, is_chosen in zip(self.measured, chosen.tolist(), strict=True):
+            if is_chosen or m.kind == PEOPLE:
+                block, k = next(inside)
+                innovations.append(_innovation(block, M[np.ix_(k, k)], error[k]))
+            else:
+                J, (block,), apart = linearize([m], at, frame)
+                information = np.linalg.inv(J @ joint @ J.T + block)
+                innovations.append(_innovation(block, information, information @ apart))
+        return _Fit(at, frame, joint, innovations, float(off @ error))
 
 
 def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"], _Fit]:
@@ -294,7 +288,7 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
     Raises:
         CalibrationError: if the map frame is not determined by what remains, or the fit diverges.
     """
-    crowd = len(problem.usable)
+    crowd = len(problem.measured) - 1
     chosen = np.ones(crowd + 1, bool)
     returned = np.arange(crowd + 1) == crowd  # the crowd does not
     while True:
@@ -359,7 +353,8 @@ def _start(
     distinct = len(np.unique(places, axis=0))
     if distinct + bool(turned) < 2:
         return np.zeros(1)
-    points = linearize(on, cameras, np.zeros(4)).value[:, :2]
+    level = [m._replace(value=m.value[:2], sd=m.sd[:2]) for m in on]
+    points = places - linearize(level, cameras, np.zeros(4))[2].reshape(-1, 2)
     if distinct > 1:
         # Over complex numbers a rotation times a scale is one factor.
         near, far = ((xy - xy.mean(0)) @ np.array([1, 1j]) for xy in (points, places))
@@ -372,93 +367,50 @@ def _start(
     return np.array([np.log(scale), angle, *shift])
 
 
-def _linear_rows(
-    measurements: Sequence[Measurement],
-    cameras: Float[np.ndarray, "cam 7"],
-    frame: Float[np.ndarray, "4"],
-) -> tuple[Float[np.ndarray, "k n"], list[np.ndarray], Float[np.ndarray, " k"]]:
-    """Linearize k stated numbers at cameras and a map frame.
-
-    Returns:
-        (k, 7C + 4) derivatives by the cameras and by the map frame; (d, d) covariance of what each
-        measurement states, with that of its pixels; and (k,) stated minus predicted, of angles
-        modulo a whole turn.
-    """
-    linear = linearize(measurements, cameras, frame)
-    sizes = np.array([len(m.value) for m in measurements])
-    rows = np.arange(3) < sizes[:, None]
-    owner = np.nonzero(rows)[0]
-    camera = np.array([m.camera for m in measurements], int)[owner]
-    by_camera = np.zeros((len(owner), *cameras.shape))
-    by_camera[np.arange(len(owner)), camera] = linear.by_camera[rows]
-    off = np.array([v for m in measurements for v in m.value]) - linear.value[rows]
-    angle = np.array([m.kind == ROTATION for m in measurements], bool)[owner]
-    return (
-        np.hstack([by_camera.reshape(len(owner), cameras.size), linear.by_frame[rows]]),
-        [
-            np.diag(m.sd**2) + m.pixel_sd**2 * by_pixel[:size] @ by_pixel[:size].T
-            for m, by_pixel, size in zip(measurements, linear.by_pixel, sizes, strict=True)
-        ],
-        np.where(angle, (off + np.pi) % (2 * np.pi) - np.pi, off),
-    )
-
-
-def _innovations(
-    noise: Sequence[np.ndarray],
-    M: Float[np.ndarray, "k k"],
-    error: Float[np.ndarray, " k"],
-) -> list[_Innovation]:
-    """Compare each measurement in a fit with what all others predict.
+def _innovation(
+    noise: Float[np.ndarray, "d d"],
+    information: Float[np.ndarray, "d d"],
+    error: Float[np.ndarray, " d"],
+) -> _Innovation:
+    """Compare a measurement with what all others predict.
 
     Args:
-        noise: (d, d) covariance of each.
-        M: information of all that is left beside the unknowns.
-        error: M times stated minus predicted.
+        noise: covariance of what is stated.
+        information: inverse covariance of stated minus predicted, 0 where nothing predicts it.
+        error: `information` times stated minus predicted.
     """
-    innovations = []
-    rows = np.split(np.arange(len(M)), np.cumsum([len(block) for block in noise[:-1]], dtype=int))
-    for k, block in zip(rows, noise, strict=True):
-        root = np.linalg.cholesky(block)
-        share, axes = np.linalg.eigh(root.T @ M[np.ix_(k, k)] @ root)
-        checked = share > UNCHECKED
-        # Directions that nothing else determines have no innovation.
-        inverse = np.where(checked, 1 / np.where(checked, share, 1), np.nan)
-        white = axes.T @ root.T @ error[k]
-        squared = np.nansum(inverse * white**2)
-        log_p = float(scipy.stats.chi2.logsf(squared, checked.sum())) if checked.any() else 0.0
-        spread = root @ axes @ (inverse[:, None] * axes.T) @ root.T
-        innovations.append(_Innovation(root @ axes @ (inverse * white), spread, log_p))
-    return innovations
-
-
-def _unused(
-    measurement: Measurement,
-    cameras: Float[np.ndarray, "cam 7"],
-    frame: Float[np.ndarray, "4"],
-    covariance: Float[np.ndarray, "n n"],
-) -> _Innovation:
-    """Compare a measurement outside a fit with what the fit predicts."""
-    J, (noise,), off = _linear_rows([measurement], cameras, frame)
-    spread = J @ covariance @ J.T + noise
-    log_p = scipy.stats.chi2.logsf(off @ np.linalg.solve(spread, off), len(off))
-    return _Innovation(off, spread, float(log_p))
+    root = np.linalg.cholesky(noise)
+    share, axes = np.linalg.eigh(root.T @ information @ root)
+    checked = share > UNCHECKED
+    # Directions that nothing else determines have no innovation.
+    inverse = np.where(checked, 1 / np.where(checked, share, 1), np.nan)
+    white = axes.T @ root.T @ error
+    squared = np.nansum(inverse * white**2)
+    log_p = float(scipy.stats.chi2.logsf(squared, checked.sum())) if checked.any() else 0.0
+    spread = root @ axes @ (inverse[:, None] * axes.T) @ root.T
+    return _Innovation(root @ axes @ (inverse * white), spread, log_p)
 
 
 def _check(
     measurement: Measurement,
-    anchor: Anchor,
-    innovation: _Innovation,
+    innovation: _Innovation | None,
+    calibration: Calibration,
     camera_names: Sequence[str] | None,
     *,
     used: bool,
 ) -> AnchorCheck:
-    """Compare one stated quantity with what everything else says about it."""
-    kind, value = measurement.kind, measurement.value
-    sd = np.sqrt(np.diag(innovation.covariance))
+    """Compare one stated quantity with what everything else says, None if nothing is known."""
+    anchor, kind, value = measurement.anchor, measurement.kind, measurement.value
     about = _name(measurement, camera_names)
+    if innovation is None:
+        nothing = (np.nan,) * len(value)
+        sentence = f"{about} was not used: the camera is not registered."
+        return AnchorCheck(anchor, QUANTITIES[kind], nothing, nothing, 1.0, False, sentence)
+    sd = np.sqrt(np.diag(innovation.covariance))
     if kind in LOGARITHMS:
-        stated, other = np.exp(value), np.exp(value - innovation.off)
-        difference, sd = stated - other, other * sd
+        unit = calibration.crowd_height if kind == PEOPLE else 1.0
+        other = unit * np.exp(value - innovation.off)
+        difference, sd = unit * np.exp(value) - other, other * sd
         what = f"is {_amount(kind, other[0])} (sd {_amount(kind, sd[0])})"
     else:
         factor, unit = (np.rad2deg(1.0), "degrees") if kind == ROTATION else (1.0, "m")
@@ -467,42 +419,29 @@ def _check(
             f"is off by {np.linalg.norm(difference):.2f} {unit} "
             f"(sd {np.sqrt((sd**2).sum()):.2f} {unit})"
         )
-    if np.isnan(difference).all():
+    if kind == PEOPLE:
+        sentence = _about_people(calibration, calibration.crowd_height - difference[0], used=used)
+    elif np.isnan(difference).all():
         sentence = f"{about} cannot be checked: nothing else determines it."
     else:
         sentence = f"{about} {what} by the people and the other anchors"
         sentence += "." if used else ": it contradicts them and was not used."
-    return AnchorCheck(
-        anchor,
-        QUANTITIES[kind],
-        tuple(difference.tolist()),
-        tuple(sd.tolist()),
-        float(np.exp(innovation.log_p)),
-        used,
-        sentence,
+    numbers = tuple(difference.tolist()), tuple(sd.tolist()), float(np.exp(innovation.log_p))
+    return AnchorCheck(anchor, QUANTITIES[kind], *numbers, used, sentence)
+
+
+def _about_people(calibration: Calibration, height: float, *, used: bool) -> str:
+    """Compare the height of the people by the anchors, if they tell it, with what is expected."""
+    expected = f"{calibration.crowd_height:.2f} m (sd {calibration.crowd_height_sd:.2f} m)"
+    if np.isnan(height):
+        return f"No anchor tells how tall the people are; {expected} on average is assumed."
+    sentence = f"By the anchors the people are {height:.2f} m tall on average"
+    if used:
+        return f"{sentence}; {expected} was expected."
+    return (
+        f"{sentence}, but {expected} was expected, so that their height is not used: they are not "
+        "the usual adults, or an anchor is wrong."
     )
-
-
-def _check_of_crowd(
-    calibration: Calibration, innovation: _Innovation, *, used: bool
-) -> AnchorCheck:
-    """Compare the expected height of the people with what the anchors say about it."""
-    height, expected_sd = calibration.crowd_height, calibration.crowd_height_sd
-    other = height * np.exp(-innovation.off[0])
-    expected = f"{height:.2f} m (sd {expected_sd:.2f} m)"
-    if np.isnan(other):
-        sentence = f"No anchor tells how tall the people are; {expected} on average is assumed."
-    else:
-        sentence = f"By the anchors the people are {other:.2f} m tall on average"
-        sentence += (
-            f"; {expected} was expected."
-            if used
-            else f", but {expected} was expected, so that their height is not used: they are not "
-            "the usual adults, or an anchor is wrong."
-        )
-    sd = float(other * np.sqrt(innovation.covariance[0, 0]))
-    p_value = float(np.exp(innovation.log_p))
-    return AnchorCheck(None, "people", (float(height - other),), (sd,), p_value, used, sentence)
 
 
 def _name(measurement: Measurement, camera_names: Sequence[str] | None) -> str:

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from catfree.calibration.people._radial_lens import RadialLenses
-from catfree.calibration.people._register import Calibration, prepare, scene_of
-from catfree.calibration.people.cameras._camera_model import of_rig
+from catfree.calibration.people._register import Calibration
+from catfree.calibration.people.cameras._camera_model import of_rig, scene_of
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.cameras._rig_deviation import shape_deviation
 from catfree.calibration.people.matching._group_people import RigState
@@ -22,7 +22,7 @@ from catfree.calibration.people.matching._verdict import (
     judge_cameras,
     weakest,
 )
-from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.matching._workspace import Workspace, prepare
 from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
 from catfree.calibration.people.search._growth import accepted_candidates
 from catfree.errors import CalibrationError

@@ -7,21 +7,20 @@ most certain groups make the rig more accurate; then the method can be run again
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import edges_from_center
 from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
-from catfree.calibration.people._register import Calibration, scene_of
+from catfree.calibration.people._register import Calibration
 from catfree.calibration.people.adjustment._focal_spread import learn_focal_spread
 from catfree.calibration.people.adjustment._people_bundle import (
     BoxMeasurements,
     BundleResult,
     KnownCameras,
     adjust_people_bundle,
-    saves,
     weak_prior,
 )
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig, scene_of
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, map_ground
 from catfree.calibration.people.cameras._rig_deviation import (
     crowd_deviation,
@@ -104,12 +103,14 @@ def refine_with_correspondences(
     k1 = np.where(registered, radial_distortion(rig), 0.0)
     start = np.nan_to_num(parameters)
     middle = np.log(np.median(settings.focal_shares) * rig.image_size.max(1))
+    boxes = BoxMeasurements(person, camera, box, sd)
+    prior = weak_prior(camera, start, middle, settings)
 
     def solved(*, spread: float, bent: bool) -> BundleResult:
         return adjust_groups(
-            BoxMeasurements(person, camera, box, sd),
+            boxes,
             start,
-            weak_prior(camera, start, middle, settings),
+            prior,
             settings,
             focal_spread=spread,
             iterations=iterations,
@@ -118,7 +119,7 @@ def refine_with_correspondences(
 
     alike = settings.shared_focal_sd
     ideal, bent = (solved(spread=alike, bent=free) for free in (False, True))
-    is_bent = saves(ideal, bent, settings.free_lens_gain)
+    is_bent = bent.cost <= (1 - settings.free_lens_gain) * ideal.cost
     separate = solved(spread=np.inf, bent=is_bent)
     known = np.flatnonzero(np.isfinite(separate.parameters[:, LOG_FOCAL]))
     errors = separate.camera_covariance(repeats)[:, LOG_FOCAL, :, LOG_FOCAL]
@@ -185,16 +186,16 @@ def adjust_groups(
         iterations: maximum number of steps.
         k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
     """
-    person, camera, box = measurements.person, measurements.camera, measurements.box
     sd = np.maximum(np.nan_to_num(measurements.sd, nan=np.inf, posinf=np.inf), SMALLEST_SD)
-    straight = box
+    measurements = straight = replace(measurements, sd=sd)
     if k1 is not None:
-        straight = RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1).straightened(camera, box)
-    people = _start(parameters, straight, sd, person, camera, settings)
+        lenses = RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1)
+        box = lenses.straightened(measurements.camera, measurements.box)
+        straight = replace(measurements, box=box)
     return adjust_people_bundle(
-        BoxMeasurements(person, camera, box, sd),
+        measurements,
         parameters,
-        people,
+        _start(straight, parameters, settings),
         known,
         settings,
         focal_spread=focal_spread,
@@ -204,28 +205,25 @@ def adjust_groups(
 
 
 def _start(
+    measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
-    box: Float[np.ndarray, "n 3"],
-    sd: Float[np.ndarray, "n 3"],
-    person: Int[np.ndarray, " n"],
-    camera: Int[np.ndarray, " n"],
     settings: CalibrationSettings,
 ) -> Float[np.ndarray, "person 3"]:
     """(P, 3) initial ground position, averaged over single views, and height of each person."""
-    count = int(person.max()) + 1
+    count = int(measurements.person.max()) + 1
     total, weights = np.zeros((count, 2)), np.full(count, 1e-9)
-    for index in np.unique(camera):
-        rows = np.flatnonzero(camera == index)
-        height = box[rows, 2] - box[rows, 1]
+    for camera in np.unique(measurements.camera):
+        mine = measurements.camera == camera
+        person, box, sd = measurements.person[mine], measurements.box[mine], measurements.sd[mine]
         ground_map = map_ground(
-            parameters[index],
-            box[None, rows],
-            np.minimum(sd[rows].mean(1), 0.2 * height)[None],
-            np.ones((1, len(rows)), bool),
+            parameters[camera],
+            box[None],
+            np.minimum(sd.mean(1), 0.2 * (box[:, 2] - box[:, 1]))[None],
+            np.ones((1, len(box)), bool),
             settings,
             range_tolerance=RANGE_ERRORS[-1],
         )
         weight = ground_map.valid[0] / ground_map.covariance[0].trace(axis1=1, axis2=2)
-        np.add.at(total, person[rows], weight[:, None] * ground_map.xy[0])
-        np.add.at(weights, person[rows], weight)
+        np.add.at(total, person, weight[:, None] * ground_map.xy[0])
+        np.add.at(weights, person, weight)
     return np.column_stack([total / weights[:, None], np.full(count, settings.apparent_height)])

@@ -9,8 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry._person import edges_of
-from catfree.geometry.camera import undistort
-from catfree.methods.evidence.observe._boxes import undistorted_pixels
+from catfree.geometry.camera import rays_of_pixels, undistort
 from catfree.types import Rig
 
 BLOCK = 2048  # pixels undistorted together
@@ -79,10 +78,9 @@ def ideal_pixels(
     Returns:
         (n, 2) in units of horizontal pixels; NaN for cameras that are NaN.
     """
-    K = np.asarray(rig.K, np.float64)[camera]
-    straight = undistorted_pixels(rig, camera, pixel)
-    plane = np.linalg.solve(K, np.column_stack([straight, np.ones(len(pixel))])[..., None])
-    return K[:, :1, 0] * plane[:, :2, 0]
+    K, R = (np.asarray(part, np.float64)[camera] for part in (rig.K, rig.R))
+    ray = np.einsum("nij,nj->ni", R, rays_of_pixels(rig, camera, pixel))
+    return K[:, :1, 0] * ray[:, :2] / ray[:, 2:]
 
 
 def lens(k1: Float[Array, ""]) -> Float[Array, "5"]:

@@ -6,21 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.people._box_grid import grid_boxes
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.adjustment._alternate import AdjustedRig
-from catfree.calibration.people.adjustment._anchors import AnchorCheck
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
+from catfree.calibration.people.anchors._anchors import AnchorCheck
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, scene_of
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_deviation
-from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.matching._workspace import Workspace, prepare
 from catfree.calibration.people.search._clock_offsets import find_offsets
 from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
-from catfree.types import Detections, Rig, Scene
+from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._scene import metric_scene
 from catfree.types._validation import (
     as_count,
     as_integer,
@@ -176,64 +174,6 @@ def _register_bent(
     if best is None:
         raise refusals[0]
     return best
-
-
-def prepare(
-    detections: Detections,
-    size: Int[np.ndarray, "cam 2"],
-    settings: CalibrationSettings,
-    camera_names: Sequence[str] | None,
-    lenses: RadialLenses,
-) -> Workspace:
-    """Arrange the boxes on a grid and check that there are enough.
-
-    Args:
-        detections: (N,) boxes of all cameras.
-        size: (C, 2) image widths and heights in pixels.
-        settings: constants.
-        camera_names: for error messages.
-        lenses: lenses whose distortion is removed from the boxes.
-
-    Raises:
-        CalibrationError: if there are too few cameras, frames or boxes.
-    """
-    grid = grid_boxes(detections, size, settings, lenses)
-    work = Workspace(grid, settings, lenses)
-    seeing = int(work.useful.sum())
-    if seeing < 2:
-        boxes = enumerate(grid.valid.sum((1, 2)).tolist())
-        counts = ", ".join(f"{shown_camera(c, camera_names)}: {count}" for c, count in boxes)
-        raise CalibrationError(
-            f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
-            f"boxes inside the image each, but has {seeing} ({counts or 'no cameras'})."
-        )
-    if grid.frame_count < settings.minimum_frames:
-        raise CalibrationError(
-            f"Calibration from people needs at least {settings.minimum_frames} frames with boxes, "
-            f"and has {grid.frame_count}, too few to exclude chance agreement; record longer."
-        )
-    return work
-
-
-def scene_of(
-    parameters: Float[np.ndarray, "cam 7"],
-    size: Int[np.ndarray, "cam 2"],
-    k1: Float[np.ndarray, " cam"],
-) -> Scene:
-    """Metric scene of cameras over the ground z = 0; those that are NaN are not registered.
-
-    Args:
-        parameters: (C, 7) cameras as in `_camera_model`.
-        size: (C, 2) image widths and heights in pixels.
-        k1: (C,) radial distortion; if all are 0, the rig has no distortion.
-    """
-    registered = np.isfinite(parameters[:, LOG_FOCAL])
-    K, R, t = to_matrices(parameters, size)
-    K[~registered] = np.nan
-    distortion = np.zeros((len(k1), 5))
-    distortion[:, 0] = np.where(registered, k1, 0.0)
-    rig = Rig(K, R, t, size, distortion if distortion.any() else None, registered)
-    return metric_scene(rig)
 
 
 def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:

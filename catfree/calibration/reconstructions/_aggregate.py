@@ -13,7 +13,6 @@ from catfree.calibration.reconstructions._gauges import (
     align,
     average_poses,
     central_instant,
-    finite,
     median_of_present,
     usual_scale,
 )
@@ -104,24 +103,22 @@ def aggregate(reconstructions: Sequence[Reconstruction], image_size: ArrayInput)
     inliers = np.isfinite(gauges.scale)
     for _ in range(REALIGNMENTS):
         aligned = gauges.poses(poses)
-        inliers = agreeing(aligned, *average_poses(aligned, aligned.known))
-        R, center = average_poses(aligned, aligned.known & inliers[:, None])
-        gauges = align(poses, Poses(R, center, finite(center)))
+        inliers = agreeing(aligned, average_poses(aligned, aligned.known))
+        gauges = align(poses, average_poses(aligned, aligned.known & inliers[:, None]))
     gauges = usual_scale(gauges, inliers)
     aligned = gauges.poses(poses)
     used = aligned.known & inliers[:, None]
-    R, center = average_poses(aligned, used)
+    average = average_poses(aligned, used)
     K = np.stack([reconstruction.K for reconstruction in reconstructions]).astype(np.float64)
     average_K = _average_intrinsics(K, used)
-    registered = used.any(axis=0)
-    t = -np.einsum("cij,cj->ci", R, center)
-    rig = Rig(average_K, R, t, image_size, registered=registered)
+    t = -np.einsum("cij,cj->ci", average.R, average.center)
+    rig = Rig(average_K, average.R, t, image_size, registered=average.known)
     points, confidence = _merged_points(reconstructions, gauges, inliers)
     return Aggregate(
         rig,
         points,
         confidence,
-        _spread(aligned, K, used, R, center, average_K),
+        _spread(aligned, K, used, average, average_K),
         inliers,
         all(reconstruction.scale_is_metric for reconstruction in reconstructions),
     )
@@ -155,22 +152,15 @@ def _average_intrinsics(K: np.ndarray, used: np.ndarray) -> np.ndarray:
 
 
 def _spread(
-    aligned: Poses,
-    K: np.ndarray,
-    used: np.ndarray,
-    R: np.ndarray,
-    center: np.ndarray,
-    average_K: np.ndarray,
+    aligned: Poses, K: np.ndarray, used: np.ndarray, average: Poses, average_K: np.ndarray
 ) -> Spread:
-    turned = angle(aligned.R, np.where(np.isfinite(R), R, np.eye(3))[None])
-    away = np.linalg.norm(np.where(used[..., None], aligned.center - center, 0.0), axis=-1)
-    focal = np.where(used, np.log(K[:, :, 0, 0] / average_K[:, 0, 0]), 0.0)
-    return Spread(
-        MEDIAN_TO_DEVIATION * median_of_present(turned.T, used.T),
-        MEDIAN_TO_DEVIATION * median_of_present(away.T, used.T),
-        MEDIAN_TO_DEVIATION * median_of_present(np.abs(focal).T, used.T),
-        used.sum(axis=0),
+    turned = angle(aligned.R, average.R[None])
+    away = np.linalg.norm(aligned.center - average.center, axis=-1)
+    focal = np.abs(np.log(np.where(used, K[:, :, 0, 0] / average_K[:, 0, 0], 1.0)))
+    rotation, center, log_focal = (
+        MEDIAN_TO_DEVIATION * median_of_present(off.T, used.T) for off in (turned, away, focal)
     )
+    return Spread(rotation, center, log_focal, used.sum(axis=0))
 
 
 def _merged_points(

@@ -24,7 +24,7 @@ AGREEMENT = 0.01
 
 @dataclass(frozen=True)
 class Poses:
-    """Rotations and centers of one or N instants, and which are known."""
+    """Rotations and centers of a rig or of N instants, and which cameras are known."""
 
     R: Float[np.ndarray, "*n cam 3 3"]
     center: Float[np.ndarray, "*n cam 3"]
@@ -47,57 +47,40 @@ class Gauges:
         return Poses(R, center, poses.known & np.isfinite(self.scale)[:, None])
 
 
-def finite(center: Float[np.ndarray, "cam 3"]) -> Bool[np.ndarray, " cam"]:
-    """Mark the finite centers, (C,)."""
-    return np.asarray(np.isfinite(center).all(axis=-1))
-
-
 def align(poses: Poses, target: Poses) -> Gauges:
     """Fit the similarity from each instant to one rig by medians over cameras.
 
-    Instants that share fewer than two cameras with the rig get scale NaN.
+    Those of instants that share fewer than two cameras with the rig have scale NaN.
     """
     shared = poses.known & target.known
-    target_R = np.where(target.known[:, None, None], target.R, np.eye(3))
-    turns = np.swapaxes(target_R, -1, -2)[None] @ poses.R
+    turns = np.swapaxes(target.R, -1, -2)[None] @ poses.R
     rotation = median_rotation(np.swapaxes(turns, 0, 1), shared.T)
     first, second = np.triu_indices(poses.known.shape[1], 1)
     both = shared[:, first] & shared[:, second]
     distance = np.linalg.norm(poses.center[:, first] - poses.center[:, second], axis=-1)
     target_distance = np.linalg.norm(target.center[first] - target.center[second], axis=-1)
     usable = both & (distance > 0) & (target_distance > 0)[None]
-    ratio = np.where(
-        usable, np.log(np.where(usable, target_distance, 1.0) / np.where(usable, distance, 1.0)), 0
-    )
+    ratio = np.log(np.where(usable, target_distance, 1.0) / np.where(usable, distance, 1.0))
     scale = np.exp(median_of_present(ratio, usable))
     turned = scale[:, None, None] * np.einsum("nij,ncj->nci", rotation, poses.center)
-    offset = target.center[None] - turned
-    translation = geometric_median(
-        np.swapaxes(np.where(shared[..., None], offset, 0.0), 0, 1), shared.T
-    )
-    lost = ~usable.any(axis=1)
-    return Gauges(
-        np.where(lost, np.nan, scale),
-        np.where(lost[:, None, None], np.eye(3), rotation),
-        np.where(lost[:, None], 0.0, translation),
-    )
+    shared &= np.isfinite(scale)[:, None]
+    translation = geometric_median(np.swapaxes(target.center[None] - turned, 0, 1), shared.T)
+    return Gauges(scale, rotation, translation)
 
 
 def median_of_present(values: np.ndarray, present: np.ndarray) -> np.ndarray:
     """Medians of the present values along the last axis, NaN if there are none."""
     any_present = np.asarray(present.any(axis=-1, keepdims=True))
-    median = np.nanmedian(np.where(present | ~any_present, values, np.nan), axis=-1)
-    return np.where(any_present[..., 0], median, np.nan)
+    filled = np.where(present, values, np.where(any_present, np.nan, 0.0))
+    return np.where(any_present[..., 0], np.nanmedian(filled, axis=-1), np.nan)
 
 
-def _disagreement(aligned: Poses, R: np.ndarray, center: np.ndarray) -> np.ndarray:
+def _disagreement(aligned: Poses, rig: Poses) -> np.ndarray:
     """(N,) median over cameras of angle + distance / extent; inf if no camera is known."""
-    averaged = finite(center)
-    known, centers = aligned.known & averaged, center[averaged]
+    known, centers = aligned.known & rig.known, rig.center[rig.known]
     extent = 2 * np.median(np.linalg.norm(centers - centers.mean(axis=0), axis=-1))
-    away = np.linalg.norm(np.where(known[..., None], aligned.center - center, 0.0), axis=-1)
-    turned = angle(np.where(known[..., None, None], aligned.R, np.eye(3)), np.nan_to_num(R)[None])
-    median = median_of_present(turned + away / extent, known)
+    away = np.linalg.norm(aligned.center - rig.center, axis=-1)
+    median = median_of_present(angle(aligned.R, rig.R[None]) + away / extent, known)
     return np.where(np.isfinite(median), median, np.inf)
 
 
@@ -106,27 +89,25 @@ def central_instant(poses: Poses) -> Poses:
     cost = np.full(len(poses.R), np.inf)
     for instant in np.flatnonzero(poses.known.sum(axis=1) >= 2):
         target = Poses(poses.R[instant], poses.center[instant], poses.known[instant])
-        center = np.where(target.known[:, None], target.center, np.nan)
-        aligned = align(poses, target).poses(poses)
         # The lower median: two instants are equally good.
-        apart = np.sort(_disagreement(aligned, target.R, center))
+        apart = np.sort(_disagreement(align(poses, target).poses(poses), target))
         # Few shared cameras agree easily, so missing cameras count as disagreement.
         cost[instant] = apart[len(apart) // 2] + (~target.known).mean()
     best = int(np.argmin(cost))
     return Poses(poses.R[best], poses.center[best], poses.known[best])
 
 
-def agreeing(aligned: Poses, R: np.ndarray, center: np.ndarray) -> Bool[np.ndarray, " n"]:
+def agreeing(aligned: Poses, rig: Poses) -> Bool[np.ndarray, " n"]:
     """Mark the instants that do not disagree unusually much with the rig, (N,)."""
-    apart = _disagreement(aligned, R, center)
+    apart = _disagreement(aligned, rig)
     usual = np.median(apart[np.isfinite(apart)])
     return apart <= max(OUTLIER_FACTOR * MEDIAN_TO_DEVIATION * usual, AGREEMENT)
 
 
-def average_poses(aligned: Poses, used: Bool[np.ndarray, "n cam"]) -> tuple[np.ndarray, np.ndarray]:
-    """Average to (C, 3, 3) rotations and (C, 3) centers, NaN for cameras without known poses."""
-    center = np.where(used[..., None], aligned.center, 0.0)
-    return median_rotation(aligned.R, used), geometric_median(center, used)
+def average_poses(aligned: Poses, used: Bool[np.ndarray, "n cam"]) -> Poses:
+    """Average the used poses of each camera; NaN and not known for cameras without any."""
+    R, center = median_rotation(aligned.R, used), geometric_median(aligned.center, used)
+    return Poses(R, center, np.asarray(used.any(axis=0)))
 
 
 def usual_scale(gauges: Gauges, inliers: Bool[np.ndarray, " n"]) -> Gauges:

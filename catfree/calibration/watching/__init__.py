@@ -12,4 +12,3 @@ from catfree.calibration.watching._estimate_clocks import (
     Clocks as Clocks,
     estimate_clocks as estimate_clocks,
 )
-from catfree.calibration.watching._synchronize import synchronize as synchronize

@@ -46,6 +46,7 @@ class Window(NamedTuple):
         expected: (C,) people who should be in the image.
         distinct: (C,) distinct people who should be in the image.
         boxes: (C,) number of boxes.
+        errors: (C, 8) of the cameras, from the boxes of this window.
     """
 
     begin: int
@@ -56,6 +57,7 @@ class Window(NamedTuple):
     expected: Int[np.ndarray, " cam"]
     distinct: Int[np.ndarray, " cam"]
     boxes: Int[np.ndarray, " cam"]
+    errors: Float[np.ndarray, "cam 8"]
 
 
 def prior(cameras: int) -> Float[np.ndarray, "p p"]:
@@ -71,7 +73,7 @@ def solve_window(
     start: Float[np.ndarray, "cam 8"],
     noise: Float[np.ndarray, "3"],
     shifts: Int[np.ndarray, " s"] | None = None,
-) -> tuple[Window, Float[np.ndarray, "cam 8"]]:
+) -> Window:
     """Match everybody of a window, and sum what it says about the cameras' errors.
 
     Args:
@@ -81,9 +83,6 @@ def solve_window(
         start: (C, 8) errors of the cameras to begin with.
         noise: of the edges of a box, as a share of its height.
         shifts: lags to look for, in steps; None to trust `start`.
-
-    Returns:
-        The window, and (C, 8) the errors that fit it.
     """
     people, count = sights.people, len(sights.place)
     person = people.between(begin, stop)
@@ -108,8 +107,8 @@ def solve_window(
         matched[camera] = np.isin(found.person, others).sum()
         distinct[camera] = len(np.unique(people.track[others]))
     matrix, vector = solved.of_tracks(people.track[person])
-    window = Window(begin, stop, matrix, vector, matched, expected, distinct, boxes)
-    return window, solved.errors
+    counts = matched, expected, distinct, boxes
+    return Window(begin, stop, matrix, vector, *counts, solved.errors)
 
 
 class _Equations(NamedTuple):

@@ -6,7 +6,7 @@ Every person is off by a bias of their own: how far people differ tells the true
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import fdtrc
 
 from catfree.calibration.watching._agreement import Window, prior
-from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN
+from catfree.calibration.watching._sights import LAG, LAGS, PARAMETERS, TURN
 
 KINDS = (TURN, LAG)
 REPEATS = (3, 1, PARAMETERS - 4)  # parameters of the turn, the lag and the rest
@@ -52,29 +52,22 @@ class Course:
     """The errors of all cameras over time.
 
     Attributes:
-        time: (W,) middle of each window in steps from the middle of the recording.
         changes: what was found.
-        value: (8C + R + ...) constant errors, rates of the clocks, then those of the changes.
+        design: (W, 8C, q) map from `value` to the errors of all cameras in each window.
+        value: (q,) constant errors (8C), rates of the clocks (C), then those of the changes.
         covariance: of `value`, without the factor `noise`.
         reference: the camera to which lags are relative: half of the others are later.
         noise: (C, 2) factor by which variances of turns and lags exceed those of box noise alone.
         freedom: (C, 2) degrees of freedom of `noise`.
     """
 
-    time: Float[np.ndarray, " window"]
     changes: tuple[Change, ...]
+    design: Float[np.ndarray, "w p q"]
     value: Float[np.ndarray, " q"]
     covariance: Float[np.ndarray, "q q"]
     reference: int
     noise: Float[np.ndarray, "cam 2"]
     freedom: Float[np.ndarray, "cam 2"]
-
-    def design(self, window: int) -> Float[np.ndarray, "p q"]:
-        """Map from `value` to the errors of all cameras in a window."""
-        p = PARAMETERS * len(self.noise)
-        parts = [np.eye(p), self.time[window] * np.eye(p)[:, 3::PARAMETERS]]
-        parts += [(window >= c.window) * np.eye(p)[:, c.columns] for c in self.changes]
-        return np.concatenate(parts, axis=1)
 
     def at(
         self, window: int, *, changed: bool = True
@@ -85,7 +78,7 @@ class Course:
             window: its index.
             changed: whether to count the changes, or what the errors would be without any.
         """
-        design = self.design(window)
+        design = self.design[window].copy()
         if not changed:
             design[:, (PARAMETERS + 1) * len(self.noise) :] = 0
         return self._errors(design)
@@ -94,9 +87,9 @@ class Course:
         """Growth of each clock's lag in steps per step, and the covariance."""
         p = PARAMETERS * len(self.noise)
         design = np.zeros((p, len(self.value)))
-        design[3::PARAMETERS, p : p + len(self.noise)] = np.eye(len(self.noise))
+        design[LAGS, p : p + len(self.noise)] = np.eye(len(self.noise))
         value, covariance = self._errors(design, floor=False)
-        return value[3::PARAMETERS], covariance[3::PARAMETERS, 3::PARAMETERS]
+        return value[LAGS], covariance[LAGS, LAGS]
 
     def constant(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
         """Errors of all cameras in the middle of the recording, without the changes."""
@@ -109,7 +102,7 @@ class Course:
         """Errors that a design selects: lags relative to the reference."""
         p = len(design)
         relative = np.eye(p)
-        relative[3::PARAMETERS, PARAMETERS * self.reference + 3] -= 1
+        relative[LAGS, PARAMETERS * self.reference + 3] -= 1
         design = relative @ design
         factor = np.sqrt(np.repeat(self.noise[:, [0, 1, 0]], REPEATS, axis=1)).ravel()
         covariance = design @ self.covariance @ design.T * factor[:, None] * factor
@@ -148,14 +141,9 @@ def fit_course(
         kinds: `TURN`, `LAG` or both: what may change.
         first: first window at which a change may begin.
     """
-    middle = np.array([(w.begin + w.stop) / 2 for w in windows])
-    cameras = windows[0].matrix.shape[1] // PARAMETERS
-    course = Course(
-        middle - middle.mean(), (), np.zeros(0), np.zeros((0, 0)), 0,
-        np.ones((cameras, 2)), np.ones((cameras, 2)),
-    )  # fmt: skip
-    course = _fitted(course, windows)
+    course = _fitted((), windows)
     matrix, vector = _sums(windows)
+    cameras = len(course.noise)
     while len(course.changes) < MOST_CHANGES * cameras:
         candidates = [
             _strongest(course, matrix, vector, camera, kind, first)
@@ -166,7 +154,7 @@ def fit_course(
         chance, change = min(candidates, default=(1.0, None), key=lambda item: item[0])
         if change is None or chance > alpha:
             break
-        course = _fitted(replace(course, changes=(*course.changes, change)), windows)
+        course = _fitted((*course.changes, change), windows)
     return course
 
 
@@ -179,35 +167,48 @@ def as_turns(course: Course, windows: Sequence[Window]) -> Course:
         course: the result of `fit_course`.
         windows: those it was fitted to.
     """
-    return _fitted(course, windows, held=True)
+    return _fitted(course.changes, windows, held=True)
 
 
-def _fitted(course: Course, windows: Sequence[Window], *, held: bool = False) -> Course:
-    """Solve for the values of a model, and learn the noise."""
+def _fitted(
+    changes: tuple[Change, ...], windows: Sequence[Window], *, held: bool = False
+) -> Course:
+    """Solve for the errors of all cameras with these changes, and learn the noise."""
     matrix, vector = _sums(windows)
-    cameras = len(course.noise)
-    designs = [course.design(w) for w in range(len(matrix))]
-    weak = np.zeros((designs[0].shape[1],) * 2)
-    constant = PARAMETERS * cameras
+    constant = matrix.shape[1]
+    cameras = constant // PARAMETERS
+    every = np.eye(constant)
+    middle = np.array([(w.begin + w.stop) / 2 for w in windows])
+    time = middle - middle.mean()
+    window = np.arange(len(windows))[:, None, None]
+    design = np.concatenate(
+        [
+            np.broadcast_to(every, matrix.shape),
+            time[:, None, None] * every[:, LAGS],
+            *((window >= change.window) * every[:, change.columns] for change in changes),
+        ],
+        axis=2,
+    )
+    weak = np.zeros((design.shape[2],) * 2)
     weak[:constant, :constant] = prior(cameras)
     if held:
         still = np.flatnonzero(np.arange(constant) % PARAMETERS >= 4)
         weak[still, still] *= HELD
     extra = np.arange(constant, len(weak))
     # A rate, and a change that no person shows, are zero.
-    scale = max(1.0, float(np.abs(course.time).max()))
+    scale = max(1.0, float(np.abs(time).max()))
     weak[extra, extra] = 1e-2
     clocks = extra[:cameras]
     weak[clocks, clocks] = 1e-2 * scale**2
-    total = weak + sum(X.T @ A @ X for X, A in zip(designs, matrix, strict=True))
-    right = sum(X.T @ b for X, b in zip(designs, vector, strict=True))
+    total = weak + sum(X.T @ A @ X for X, A in zip(design, matrix, strict=True))
+    right = sum(X.T @ b for X, b in zip(design, vector, strict=True))
     covariance = np.linalg.inv(total)
-    course = replace(course, value=covariance @ right, covariance=covariance)
-    noise, freedom = _noise(course, windows)
-    timed = np.flatnonzero(matrix.sum(0).diagonal()[3::PARAMETERS] > 0)
-    lags = (course.design(len(matrix) // 2) @ course.value)[3::PARAMETERS]
+    value = covariance @ right
+    noise, freedom = _noise(design @ value, windows)
+    timed = np.flatnonzero(matrix.sum(0).diagonal()[LAGS] > 0)
+    lags = (design[len(matrix) // 2] @ value)[LAGS]
     reference = int(timed[np.argsort(lags[timed])[(len(timed) - 1) // 2]]) if len(timed) else 0
-    return replace(course, reference=reference, noise=noise, freedom=freedom)
+    return Course(changes, design, value, covariance, reference, noise, freedom)
 
 
 def _sums(
@@ -221,18 +222,17 @@ def _sums(
 
 
 def _noise(
-    course: Course, windows: Sequence[Window]
+    errors: Float[np.ndarray, "w p"], windows: Sequence[Window]
 ) -> tuple[Float[np.ndarray, "cam 2"], Float[np.ndarray, "cam 2"]]:
     """Estimate how much more people differ than box noise explains, and the degrees of freedom.
 
     Every person is off by a bias of their own, in all of their boxes. A camera whose people tell
     little of this gets the estimate of all cameras, and 1 if those tell little, too.
     """
-    cameras = len(course.noise)
+    cameras = errors.shape[1] // PARAMETERS
     squared, expected = np.zeros((2, cameras, len(KINDS)))
-    for index, window in enumerate(windows):
-        errors = course.design(index) @ course.value
-        rest = window.vector - window.matrix @ errors
+    for window, error in zip(windows, errors, strict=True):
+        rest = window.vector - window.matrix @ error
         for camera in range(cameras):
             for which, kind in enumerate(KINDS):
                 columns = Change(camera, kind, 0).columns
@@ -278,18 +278,17 @@ def _strongest(
     columns = Change(camera, kind, 0).columns
     size, which = columns.stop - columns.start, KINDS.index(kind)
     rest = [
-        b - A @ (course.design(w) @ course.value)
-        for w, (A, b) in enumerate(zip(matrix, vector, strict=True))
+        b - A @ (X @ course.value) for A, b, X in zip(matrix, vector, course.design, strict=True)
     ]
     score, information = np.array(rest)[:, columns], matrix[:, columns, columns]
     noise, freedom = course.noise[camera, which], course.freedom[camera, which]
     # Information that a change shares with what is already in the model.
-    shared = [(matrix[w] @ course.design(w))[columns] for w in range(len(matrix))]
+    shared = (matrix @ course.design)[:, columns]
     for window in range(first, len(matrix)):
         candidate = Change(camera, kind, window)
         if candidate in course.changes:
             continue
-        cross = np.sum(shared[window:], axis=0)
+        cross = shared[window:].sum(0)
         left = information[window:].sum(0) - cross @ course.covariance @ cross.T
         left = (left + left.T) / 2
         values, vectors = np.linalg.eigh(left)

@@ -247,7 +247,7 @@ def check(
             advice=SWAPPED.format(shown_camera(home, camera_names)),
             swapped_with=home,
         )
-    last = sights.first + (sights.steps - 1) * sights.step
+    last = sights.frame(sights.steps - 1)
     return Check(tuple(cameras), sights.first, last, watched.seconds, scene.metric)
 
 
@@ -299,7 +299,7 @@ class _Judge:
         is_late = abs(lag) > max(WHOLE_FRAME, chance * lag_sd)
         unmeasured = self._without_people(camera)
         outcome = unmeasured or self._from_errors(turns, jumps, off, is_late=is_late)
-        matched, expected = (self._counts(camera, name) for name in ("matched", "expected"))
+        matched, expected, _, _ = self._counts(camera)
         result = CameraCheck(
             camera=camera,
             turn=turn,
@@ -318,13 +318,14 @@ class _Judge:
         unit = "m" if sights.scene.metric else "scene units"
         return replace(result, advice=_measured(result, unit) + result.advice)
 
-    def _counts(self, camera: int, name: str) -> Int[np.ndarray, " window"]:
-        return np.array([getattr(window, name)[camera] for window in self.watched.windows])
+    def _counts(self, camera: int) -> Int[np.ndarray, "4 window"]:
+        """People matched, expected and distinct, and boxes, of a camera in each window."""
+        counts = [(w.matched, w.expected, w.distinct, w.boxes) for w in self.watched.windows]
+        return np.array(counts)[:, :, camera].T
 
     def _without_people(self, camera: int) -> _Found | None:
         """The verdict on a camera that shows nobody, or nobody for sure; None for others."""
-        names = ("matched", "expected", "distinct", "boxes")
-        matched, expected, distinct, boxes = (self._counts(camera, name) for name in names)
+        matched, expected, distinct, boxes = self._counts(camera)
         if not self.watched.sights.scene.rig.registered[camera]:
             return _Found(Verdict.DOUBTFUL, None, None, UNREGISTERED)
         if expected.sum() < FEWEST_EXPECTED:
@@ -334,7 +335,7 @@ class _Judge:
         usual = max(share, LEAST_MATCHED)
         lost = lost_since(matched, expected, distinct, usual, self.watched.alpha)
         if lost is not None:
-            since = self._frame(self.watched.windows[lost].begin) if lost else None
+            since = self.watched.sights.frame(self.watched.windows[lost].begin) if lost else None
             dead = not boxes[lost:].any()
             verdict = Verdict.DEAD if dead else Verdict.MOVED
             when = "" if since is None else f"Since about frame {since}. "
@@ -374,9 +375,6 @@ class _Judge:
         changes = self.course.changes
         mine = [i for i, one in enumerate(changes) if one.camera == camera and one.kind == kind]
         return sorted(mine, key=lambda i: changes[i].window)
-
-    def _frame(self, step: int) -> int:
-        return self.watched.sights.first + step * self.watched.sights.step
 
     def _displacement(self, camera: int, turn: Float[np.ndarray, "3"]) -> tuple[float, float]:
         """Mean displacement of people by a turn, in pixels and on the ground."""

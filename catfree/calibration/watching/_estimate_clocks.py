@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.watching._sights import LAG, PARAMETERS
+from catfree.calibration.watching._sights import LAG, LAGS
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import watch_windows
 from catfree.settings import Settings
@@ -174,8 +174,8 @@ def estimate_clocks(
         jumps.append(ClockJump(change.camera, frame, frame_sd, float(by[0]) * step, size * step))
     middle = np.mean([(w.begin + w.stop) / 2 for w in watched.windows])
     return Clocks(
-        offset=known(constant[3::PARAMETERS] * step),
-        offset_sd=known(np.sqrt(covariance.diagonal()[3::PARAMETERS]) * step),
+        offset=known(constant[LAGS] * step),
+        offset_sd=known(np.sqrt(covariance.diagonal()[LAGS]) * step),
         rate=known(rate),
         rate_sd=known(np.sqrt(rate_covariance.diagonal())),
         jumps=tuple(sorted(jumps, key=lambda jump: jump.frame)),

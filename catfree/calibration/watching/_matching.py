@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.ndimage import correlate
 from scipy.spatial.transform import Rotation
 
 from catfree.calibration.watching._sights import (
@@ -163,9 +164,7 @@ def candidates(
         i, j = (np.rint((observed[k][b] - middle[k][a]) / CELL).astype(int) + REACH for k in (0, 1))
         near = (i >= 0) & (i < side) & (j >= 0) & (j < side)
         votes.append(np.bincount((i * side + j)[near], minlength=side**2))
-    wide = np.pad(np.array(votes).reshape(-1, side, side), ((0, 0), (1, 1), (1, 1)))
-    rows = np.sum([wide[:, i : i + side] for i in range(3)], axis=0)
-    stack = np.sum([rows[..., j : j + side] for j in range(3)], axis=0)
+    stack = correlate(np.array(votes).reshape(-1, side, side), np.ones((1, 3, 3)), mode="constant")
     # What standing people and chance bring is the same at most lags.
     excess = stack - np.median(stack, axis=0)[None] * (len(shifts) > 4)
     errors = []

@@ -25,6 +25,7 @@ from catfree.types._sampling import frame_step
 
 PARAMETERS = 8  # of the error of a camera
 TURN, LAG, CENTER, ZOOM = slice(0, 3), slice(3, 4), slice(4, 7), slice(7, 8)
+LAGS = slice(3, None, PARAMETERS)  # of all cameras, whose errors follow each other
 BORDER = 0.005  # of the image side; a box that ends nearer to its border may be cut by it
 HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
 BLOCK = 512  # sightings computed together
@@ -109,6 +110,10 @@ class Sights:
     step: int
     steps: int
     detections: Detections
+
+    def frame(self, step: int) -> int:
+        """Frame number of a step."""
+        return self.first + step * self.step
 
     def imaged(
         self, camera: Int[np.ndarray, " n"], state: Float[np.ndarray, "n 3"]

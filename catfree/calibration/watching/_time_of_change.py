@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.watching._agreement import solve_window
+from catfree.calibration.watching._agreement import Window, solve_window
 from catfree.calibration.watching._changes import KINDS, Course, fit_course
 from catfree.calibration.watching._matching import GATE, SPREAD, best, match_boxes
 from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, Sights
@@ -53,7 +53,7 @@ def follow_changes(
 
 def _matched_again(watched: Watched, course: Course, report: Progress) -> Watched:
     """Match everybody with the errors of a course; divide windows within which one changed."""
-    sights, windows, errors = watched.sights, [], []
+    sights, windows = watched.sights, []
     frames = [time_of_change(watched, course, i)[0] for i in range(len(course.changes))]
     cuts = sorted({-(-(frame - sights.first) // sights.step) for frame in frames})
     for index, window in enumerate(watched.windows):
@@ -61,11 +61,9 @@ def _matched_again(watched: Watched, course: Course, report: Progress) -> Watche
         inside = [cut for cut in cuts if window.begin < cut < window.stop]
         for begin, stop in pairwise([window.begin, *inside, window.stop]):
             start = _start(watched, course, index, begin, stop)
-            solved, window_errors = solve_window(sights, begin, stop, start, watched.noise)
-            windows.append(solved)
-            errors.append(window_errors)
+            windows.append(solve_window(sights, begin, stop, start, watched.noise))
     report("changes", len(watched.windows), len(watched.windows))
-    return replace(watched, windows=tuple(windows), errors=np.array(errors))
+    return replace(watched, windows=tuple(windows))
 
 
 def _start(
@@ -100,12 +98,11 @@ def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, f
     last = min(change.window + 1, len(watched.windows) - 1)
     low, high = watched.windows[first].begin, watched.windows[last].stop
     people, person = sights.people, sights.people.between(low, high)
-    windows = range(len(watched.windows))
     before, after = (
-        _costs(sights, change.camera, person, _usual(watched, change.camera, course.reference, at))
-        for at in (
-            windows[max(first - NEARBY, 0) : first + 1],
-            windows[last : last + NEARBY + 1],
+        _costs(sights, change.camera, person, _usual(windows, change.camera, course.reference))
+        for windows in (
+            watched.windows[max(first - NEARBY, 0) : first + 1],
+            watched.windows[last : last + NEARBY + 1],
         )
     )
     gain = np.zeros(high - low + 1)
@@ -114,7 +111,7 @@ def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, f
     near = np.flatnonzero(total >= total.max() - ELBOW * course.noise[change.camera].max())
     deviation = max((near[-1] - near[0] + 1) / 4, 0.5)
     step = low + int(total.argmax())
-    return sights.first + step * sights.step, float(deviation * sights.step)
+    return sights.frame(step), float(deviation * sights.step)
 
 
 def _costs(
@@ -133,9 +130,9 @@ def _costs(
     return cost
 
 
-def _usual(watched: Watched, camera: int, reference: int, windows: range) -> Float[np.ndarray, "8"]:
+def _usual(windows: Sequence[Window], camera: int, reference: int) -> Float[np.ndarray, "8"]:
     """The middle error of a camera in some windows, each found from that window alone."""
-    errors = watched.errors[windows]
+    errors = np.array([window.errors for window in windows])
     usual = errors[0, camera].copy()
     usual[TURN] = np.median(errors[:, camera, TURN], axis=0)
     usual[LAG] = np.median(errors[:, camera, LAG] - errors[:, reference, LAG])

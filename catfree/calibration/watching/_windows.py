@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from catfree.calibration.watching._agreement import Window, solve_window
 from catfree.calibration.watching._matching import CELL, best
@@ -36,14 +36,12 @@ class Watched:
     Attributes:
         sights: the recording.
         windows: in order.
-        errors: (W, C, 8) of each camera in each window, from the boxes of that window.
         seconds: length of a window.
         noise: of the edges of a box, as a share of its height.
     """
 
     sights: Sights
     windows: tuple[Window, ...]
-    errors: Float[np.ndarray, "window cam 8"]
     seconds: float
     noise: Float[np.ndarray, "3"]
 
@@ -93,13 +91,14 @@ def watch_windows(
     require_instance(localization, Localization, "localization")
     localization.require_detections(detections)
     keep = is_confident(detections, settings.confidence)
-    confident, localization = detections[keep], _of_rows(localization, keep)
+    confident, tracks = detections[keep], localization.tracks
     if not np.asarray(scene.rig.registered)[confident.camera].any():
         raise InsufficientDataError(
             "Checking a rig needs confident boxes of its registered cameras, but there are none. "
             "Check that the detections belong to the scene, and their scores."
         )
-    recording = sights(scene, confident, localization.tracks)
+    row = np.append(np.where(keep, np.cumsum(keep) - 1, -1), -1)  # of `confident`
+    recording = sights(scene, confident, replace(tracks, support=row[tracks.support]))
     rate = (
         UNKNOWN_RATE if detections.clock is None else detections.clock.frame_rate / recording.step
     )
@@ -108,33 +107,35 @@ def watch_windows(
     begins = _begins(recording, steps, since)
     reach = min(maximum_offset // recording.step, recording.steps // 3)
     shifts = np.array(sorted(range(-reach, reach + 1), key=abs))
-    present = np.zeros((scene.rig.camera_count, PARAMETERS))
+    start = np.zeros((scene.rig.camera_count, PARAMETERS))
     noise = np.array(settings.evidence.edge_noise)
-    windows, errors = [], np.zeros((len(begins), *present.shape))
+    windows: list[Window] = []
     for index, (begin, stop) in enumerate(begins):
         report("windows", index, len(begins))
-        window, present = solve_window(recording, begin, stop, present, noise, shifts)
-        windows.append(window)
-        errors[index] = present
+        windows.append(solve_window(recording, begin, stop, start, noise, shifts))
+        start = windows[-1].errors
     known = np.flatnonzero(scene.rig.registered).tolist()
     for _ in range(SWEEPS):
-        # Lags count from the middle camera.
-        errors[..., LAG] -= np.median(errors[:, known, LAG], axis=1, keepdims=True)
-        again = _likelier_starts(recording, windows, errors, known)
+        windows = [_with_relative_lags(window, known) for window in windows]
+        again = _likelier_starts(recording, windows, known)
         for index, start in again.items():
-            begin, stop = windows[index].begin, windows[index].stop
-            windows[index], errors[index] = solve_window(recording, begin, stop, start, noise)
+            begin, stop = begins[index]
+            windows[index] = solve_window(recording, begin, stop, start, noise)
         if not again:
             break
     report("windows", len(begins), len(begins))
-    return Watched(recording, tuple(windows), errors, steps / rate, noise)
+    return Watched(recording, tuple(windows), steps / rate, noise)
+
+
+def _with_relative_lags(window: Window, cameras: Sequence[int]) -> Window:
+    """Count lags from that of the middle camera."""
+    errors = window.errors.copy()
+    errors[:, LAG] -= np.median(errors[cameras, LAG])
+    return window._replace(errors=errors)
 
 
 def _likelier_starts(
-    recording: Sights,
-    windows: Sequence[Window],
-    errors: Float[np.ndarray, "window cam 8"],
-    cameras: Sequence[int],
+    recording: Sights, windows: Sequence[Window], cameras: Sequence[int]
 ) -> dict[int, Float[np.ndarray, "cam 8"]]:
     """The windows that should be solved again, and from which errors of all cameras.
 
@@ -143,6 +144,7 @@ def _likelier_starts(
     neighboring windows say.
     """
     starts = {}
+    errors = np.array([window.errors for window in windows])
     for index, usual in enumerate(_usual(windows, errors, cameras)):
         window, start = windows[index], errors[index].copy()
         nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(windows)]
@@ -219,11 +221,3 @@ def _begins(recording: Sights, steps: int, since: int | None) -> list[tuple[int,
         boxes = np.searchsorted(inside, stops) - np.searchsorted(inside, begins)
         result += zip(begins[boxes > 0].tolist(), stops[boxes > 0].tolist(), strict=True)
     return result
-
-
-def _of_rows(localization: Localization, keep: Bool[np.ndarray, " n"]) -> Localization:
-    """The localization as if only the kept detections had been given."""
-    row: Int[np.ndarray, " n"] = np.where(keep, np.cumsum(keep) - 1, -1)
-    tracks = localization.tracks
-    support = np.where(tracks.support >= 0, row[tracks.support], -1)
-    return replace(localization, tracks=replace(tracks, support=support))

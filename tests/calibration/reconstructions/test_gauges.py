@@ -69,7 +69,7 @@ def test_garbage_is_neither_central_nor_agreeing():
     central = central_instant(many)
     np.testing.assert_array_equal(central.center, one.center)
     aligned = align(many, central).poses(many)
-    near = agreeing(aligned, *average_poses(aligned, aligned.known))
+    near = agreeing(aligned, average_poses(aligned, aligned.known))
     assert near.tolist() == [False, True, True, False, True, True]
 
 

@@ -30,8 +30,8 @@ def error_of(turn=(0.0, 0.0, 0.0), lag=0.0, center=(0.0, 0.0, 0.0), zoom=0.0):
 
 def test_errors_stay_where_nobody_tells_of_them(seen):
     start = np.arange(4)[:, None] * error_of((0.1, -0.2, 0.3), 5.0)
-    window, found = solve_window(seen, 7, 7, start, NOISE)
-    np.testing.assert_allclose(found, start, atol=1e-12)
+    window = solve_window(seen, 7, 7, start, NOISE)
+    np.testing.assert_allclose(window.errors, start, atol=1e-12)
     assert window.matrix.shape == (0, 4 * PARAMETERS, 4 * PARAMETERS)
     assert not window.boxes.any()
 
@@ -40,7 +40,7 @@ def test_a_window_tells_of_a_turn_that_it_starts_without(seen):
     turn = np.deg2rad([0.3, 0.8, 0.0])
     wrong = np.zeros((4, PARAMETERS))
     wrong[1, TURN] = turn
-    _, found = solve_window(seen, 0, 20, wrong, NOISE)
+    found = solve_window(seen, 0, 20, wrong, NOISE).errors
     off = [np.linalg.norm(one[TURN] - found[0, TURN]) for one in found]
     assert max(off) < 0.5 * np.linalg.norm(turn)
 

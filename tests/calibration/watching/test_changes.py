@@ -26,8 +26,9 @@ def windows(errors, seed=0, *, noise=1.0, groups=4):
             )
             matrix.append(information)
             vector.append(information @ (error + off))
+        told = np.array(matrix), np.array(vector)
         blank = np.zeros(p // 8, np.int64)
-        result.append(Window(10 * w, 10 * w + 10, np.array(matrix), np.array(vector), *[blank] * 4))
+        result.append(Window(10 * w, 10 * w + 10, *told, *[blank] * 4, error.reshape(-1, 8)))
     return result
 
 

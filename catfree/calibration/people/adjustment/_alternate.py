@@ -45,7 +45,7 @@ class AdjustedRig:
 
 def measure_people(
     grid: BoxGrid, people: People
-) -> tuple[BoxMeasurements, Float[np.ndarray, "person 3"]] | None:
+) -> tuple[BoxMeasurements, Float[np.ndarray, "person 3"]]:
     """Select the boxes of people with several views, and their initial positions.
 
     Args:
@@ -53,11 +53,9 @@ def measure_people(
         people: the grouping of the boxes.
 
     Returns:
-        The boxes, and ground positions and heights (P, 3) in meters; None if there are no people.
+        The boxes, and ground positions and heights (P, 3) in meters.
     """
     time, slot = np.nonzero((people.members >= 0).sum(-1) >= 2)
-    if not len(time):
-        return None
     time, slot = evenly_spread(time, MOST_PEOPLE), evenly_spread(slot, MOST_PEOPLE)
     members = people.members[time, slot]
     person, camera = np.nonzero(members >= 0)
@@ -83,10 +81,10 @@ def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> 
     bundle = None
     for tolerance in RANGE_ERRORS:
         limited = replace(state, range_tolerance=tolerance)
-        measured = measure_people(grid, group_people(grid, limited, settings))
-        if measured is None:
+        data, ground = measure_people(grid, group_people(grid, limited, settings))
+        if not len(ground):
             break
-        state, (data, ground) = limited, measured
+        state = limited
         bundle = adjust_people_bundle(
             data,
             state.parameters,

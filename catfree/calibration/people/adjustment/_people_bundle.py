@@ -318,16 +318,5 @@ def weak_prior(
     return KnownCameras(mean, precision)
 
 
-def saves(few: BundleResult, more: BundleResult, share: float) -> bool:
-    """Return whether more free parameters of the cameras reduce the cost enough.
-
-    Args:
-        few: the rig adjusted with few parameters.
-        more: the rig adjusted with more, to the same people.
-        share: of the cost that must be saved.
-    """
-    return more.cost <= (1 - share) * few.cost
-
-
 def _median_size(residual: Float[np.ndarray, "n 3"]) -> float:
     return float(np.median(np.abs(residual))) if residual.size else np.nan

@@ -5,14 +5,13 @@ correct placements look wrong. Every candidate is therefore refined before it is
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._people_bundle import camera_prior
@@ -31,29 +30,30 @@ from catfree.geometry._least_squares import (
 )
 from catfree.geometry._person import box_edges
 from catfree.settings import CalibrationSettings
+from catfree.types._annotations import HostOrDevice
 
 TOLERANCES = (0.10, 0.06, 0.03)  # fraction of the range, decreasing as the camera converges
 PASSES = 2
+MOST_STEPS = 8  # of a fit
 FEWEST_MATCHES = 6
 MATCHES_BLOCK = 1024  # matches are padded to this number, or to a power of four times it
 FITS_BLOCK = 4  # fits are padded in the same way
 
 
-@dataclass(frozen=True)
-class MatchedPeople:
+class MatchedPeople(NamedTuple):
     """Boxes of one camera and the people of a map whom they show.
 
     Attributes:
         box: (n, 3) box center, top row, bottom row in pixels from the image center.
-        sd: (n,) standard deviations of the edges in pixels.
+        information: (n,) inverse variances of the edges in pixels; 0 where there is no box.
         people: (n, 3) ground position and height in meters.
         covariance: (n, 3, 3) of the people in square meters.
     """
 
-    box: Float[np.ndarray, "n 3"]
-    sd: Float[np.ndarray, " n"]
-    people: Float[np.ndarray, "n 3"]
-    covariance: Float[np.ndarray, "n 3 3"]
+    box: Float[HostOrDevice, "n 3"]
+    information: Float[HostOrDevice, " n"]
+    people: Float[HostOrDevice, "n 3"]
+    covariance: Float[HostOrDevice, "n 3 3"]
 
 
 def resect(
@@ -83,7 +83,7 @@ def resect(
             grid = placements[at][0]
             own_map = map_camera(grid, camera, parameters, settings, tolerance)
             matched = _match(grid, camera, own_map, people, settings.match_gate)
-            if len(matched.sd) >= FEWEST_MATCHES:
+            if len(matched.box) >= FEWEST_MATCHES:
                 matches[at] = matched
         fitted = fit_cameras(
             [refined[at] for at in matches],
@@ -108,7 +108,7 @@ def _match(
     covariance[:, 2, 2] = people.height_sd[time, partner] ** 2
     return MatchedPeople(
         grid.box[camera, time, slot],
-        grid.sd[camera, time, slot],
+        1 / grid.sd[camera, time, slot] ** 2,
         np.column_stack([people.xy[time, partner], people.height[time, partner]]),
         covariance,
     )
@@ -120,7 +120,6 @@ def fit_cameras(
     settings: CalibrationSettings,
     *,
     log_focal: float,
-    iterations: int = 8,
 ) -> Float[np.ndarray, "fit 7"]:
     """Fit the seven parameters of cameras by Levenberg-Marquardt with a Cauchy loss.
 
@@ -129,21 +128,20 @@ def fit_cameras(
         matches: boxes and people of each fit.
         settings: constants.
         log_focal: mean of the prior on log focal length; `focal_spread` is its deviation.
-        iterations: maximum number of steps.
 
     Returns:
         (F, 7) the parameters with the smallest cost.
     """
     if not matches:
         return np.zeros((0, 7))
-    n = padded_length(max(len(one.sd) for one in matches), MATCHES_BLOCK)
+    n = padded_length(max(len(one.box) for one in matches), MATCHES_BLOCK)
     fits = padded_length(len(matches), FITS_BLOCK)
     mean, precision = np.zeros((1, 7)), np.zeros((1, 7))
     mean[0, LOG_FOCAL] = log_focal
     precision[0, LOG_FOCAL] = 1 / settings.focal_spread
     precision[0, ROLL] = 1 / settings.roll_sd
 
-    def stacked(rows: Sequence[np.ndarray]) -> Array:
+    def stacked(*rows: np.ndarray) -> Array:
         table = np.zeros((fits, n, *rows[0].shape[1:]))
         for at, row in enumerate(rows):
             table[at, : len(row)] = row
@@ -152,45 +150,36 @@ def fit_cameras(
     with jax.enable_x64(True):
         fitted = _fit(
             padded(np.stack(starts)[:, None], fits),
-            stacked([one.people for one in matches]),
-            stacked([one.box for one in matches]),
-            stacked([1 / one.sd**2 for one in matches]),
-            stacked([one.covariance for one in matches]),
-            jnp.asarray(settings.foot_offset),
-            jnp.asarray(mean),
-            jnp.asarray(precision),
-            jnp.asarray(iterations, jnp.int32),
+            jax.tree.map(stacked, *matches),
+            _Known(*map(jnp.asarray, (settings.foot_offset, mean, precision))),
         )
         return np.asarray(fitted)[: len(matches), 0]
 
 
-class _Matches(NamedTuple):
-    """Boxes (n, 3), their inverse deviations and their people (n, 3), and the camera's prior."""
+class _Known(NamedTuple):
+    """The foot offset, and mean and inverse standard deviations of the prior on a camera."""
 
-    box: Float[Array, "n 3"]
-    precision: Float[Array, "n 3"]
-    people: Float[Array, "n 3"]
     foot_offset: Float[Array, ""]
     mean: Float[Array, "1 7"]
-    camera_precision: Float[Array, "1 7"]
+    precision: Float[Array, "1 7"]
 
 
 def _edges(
-    camera: Float[Array, "7"], people: Float[Array, "n 3"], foot_offset: Float[Array, ""]
+    camera: Float[Array, "7"], people: Float[HostOrDevice, "n 3"], foot_offset: Float[Array, ""]
 ) -> Float[Array, "n 3"]:
     shown = jax.vmap(box_edges, (None, 0, None, None))
     return shown(projection(camera), people, camera[X:Z], foot_offset)
 
 
 def _problem(
-    unknowns: Unknowns, args: tuple[Float[Array, "0"], _Matches]
+    unknowns: Unknowns, args: tuple[Float[Array, "0"], tuple[MatchedPeople, Array, _Known]]
 ) -> tuple[Residuals, Residuals]:
-    """Residuals of one camera (1, 7); the people are given."""
-    matches = args[1]
-    box = _edges(unknowns.view[0], matches.people, matches.foot_offset)
+    """Residuals of one camera (1, 7); the people and the precision of their boxes are given."""
+    matched, precision, known = args[1]
+    box = _edges(unknowns.view[0], matched.people, known.foot_offset)
     residuals = Residuals(
-        ((box - matches.box) * matches.precision)[None, :, :, None],
-        camera_prior(unknowns.view, matches.mean, matches.camera_precision),
+        ((box - matched.box) * precision)[None, :, :, None],
+        camera_prior(unknowns.view, known.mean, known.precision),
         unknowns.block,
     )
     return robust(residuals, partial(cauchy, width=CAUCHY))
@@ -198,31 +187,21 @@ def _problem(
 
 @jax.jit
 def _fit(
-    starts: Float[Array, "fit 1 7"],
-    people: Float[Array, "fit n 3"],
-    boxes: Float[Array, "fit n 3"],
-    information: Float[Array, "fit n"],
-    covariance: Float[Array, "fit n 3 3"],
-    foot_offset: Float[Array, ""],
-    mean: Float[Array, "1 7"],
-    camera_precision: Float[Array, "1 7"],
-    most_steps: Int[Array, ""],
+    starts: Float[Array, "fit 1 7"], matches: MatchedPeople, known: _Known
 ) -> Float[Array, "fit 1 7"]:
-    """The cameras with the smallest cost; boxes without information are absent."""
-    solver = SchurLevenbergMarquardt(most_steps=most_steps)
+    """The cameras with the smallest cost, one for each start and its row of `matches`."""
+    solver = SchurLevenbergMarquardt(most_steps=MOST_STEPS)
 
-    def fit(one: tuple[Array, ...]) -> Array:
-        start, people, box, information, covariance = one
-        by_person = jax.vmap(jax.jacfwd(lambda p: _edges(start[0], p[None], foot_offset)[0]))(
-            people
-        )
+    def fit(one: tuple[Array, MatchedPeople]) -> Array:
+        start, matched = one
+        slope = jax.jacfwd(lambda person: _edges(start[0], person[None], known.foot_offset)[0])
+        by_person = jax.vmap(slope)(matched.people)
         # The uncertainty of the people adds to the noise.
-        spread = jnp.einsum("nij,njk,nik->ni", by_person, covariance, by_person)
-        precision = jnp.sqrt(information[:, None] / (1 + information[:, None] * spread))
-        matches = _Matches(box, precision, people, foot_offset, mean, camera_precision)
-        unknowns = Unknowns(start, jnp.zeros((len(people), 0), start.dtype))
-        args = jnp.zeros(0, start.dtype), matches
+        spread = jnp.einsum("nij,njk,nik->ni", by_person, matched.covariance, by_person)
+        information = matched.information[:, None]
+        precision = jnp.sqrt(information / (1 + information * spread))
+        unknowns = Unknowns(start, jnp.zeros((len(precision), 0), start.dtype))
+        args = jnp.zeros(0, start.dtype), (matched, precision, known)
         return minimize(_problem, unknowns, args, solver).value.view
 
-    # Each ends when it converges.
-    return jax.lax.map(fit, (starts, people, boxes, information, covariance))
+    return jax.lax.map(fit, (starts, matches))  # each ends when it converges

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.types import Rig
+from catfree.types import Rig, Scene
 from catfree.types._annotations import HostOrDevice
+from catfree.types._scene import metric_scene
 
 LOG_FOCAL, TILT, ROLL, PAN, X, Y, Z = range(7)
 K1 = 7  # radial distortion, which follows the seven parameters in the bundle adjustment
@@ -49,6 +50,27 @@ def to_matrices(
     K[:, :2, 2] = (size - 1) / 2
     K[:, 2, 2] = 1
     return K, R, -np.einsum("cij,cj->ci", R, parameters[:, X:])
+
+
+def scene_of(
+    parameters: Float[np.ndarray, "cam 7"],
+    size: Int[np.ndarray, "cam 2"],
+    k1: Float[np.ndarray, " cam"],
+) -> Scene:
+    """Metric scene of cameras over the ground z = 0; those that are NaN are not registered.
+
+    Args:
+        parameters: (C, 7) cameras.
+        size: (C, 2) image widths and heights in pixels.
+        k1: (C,) radial distortion; if all are 0, the rig has no distortion.
+    """
+    registered = np.isfinite(parameters[:, LOG_FOCAL])
+    K, R, t = to_matrices(parameters, size)
+    K[~registered] = np.nan
+    distortion = np.zeros((len(k1), 5))
+    distortion[:, 0] = np.where(registered, k1, 0.0)
+    rig = Rig(K, R, t, size, distortion if distortion.any() else None, registered)
+    return metric_scene(rig)
 
 
 def of_rig(rig: Rig) -> Float[np.ndarray, "cam 7"]:

@@ -176,24 +176,19 @@ def visible(
     parameters: Float[np.ndarray, "7"],
     size: Int[np.ndarray, "2"],
     smallest: float,
-    xy: Float[np.ndarray, "*n 2"],
-    height: Float[np.ndarray, "*n"],
+    people: GroundMap,
     settings: CalibrationSettings,
-) -> Bool[np.ndarray, "*n"]:
+) -> Bool[np.ndarray, "frame slot"]:
     """Mark the people wholly inside a camera's image and large enough to be detected.
 
     Args:
         parameters: (7,) the camera.
         size: (2,) image width and height in pixels.
         smallest: box height in pixels below which the camera hardly detects people.
-        xy: (..., 2) ground positions in meters.
-        height: (...) person heights in meters.
+        people: (T, N) whom it may see.
         settings: constants.
-
-    Returns:
-        (...) bool.
     """
-    person = np.concatenate([xy, height[..., None]], -1)
+    person = np.concatenate([people.xy, people.height[..., None]], -1)
     head, foot, depth = box_ends(
         projection(parameters), person, parameters[X:Z], settings.foot_offset
     )

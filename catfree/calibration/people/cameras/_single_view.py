@@ -72,16 +72,12 @@ def fit_planes(
     )
     generator = np.random.default_rng(0)
     starts = [_sample_plane(boxes[chosen], focal, settings, generator) for chosen in subsets]
-    begun = {subset: start for subset, start in enumerate(starts) if start is not None}
-    if not begun:
-        return np.zeros((0, 7))
-    usual = next(iter(begun.values()))  # in place of those that are missing, and not used
-    # From each start, to its own boxes and to all.
     # Both edges change the implied height; the lower one also changes the range.
     by_edges = 2.0 * settings.apparent_height * sd / np.maximum(box_height, 1.0)
     spread = np.hypot(settings.person_height_sd, by_edges)
+    # From each start, to its own boxes and to all.
+    start = np.repeat(starts, 2, axis=0)
     member = np.stack([m for chosen in subsets for m in (chosen, subsets[-1])])
-    start = np.stack([begun.get(at, usual) for at in (0, 0, 1, 1, 2, 2)])
     with jax.enable_x64(True):
         sample = _Sample(
             padded(boxes, LARGEST_SAMPLE),
@@ -93,12 +89,10 @@ def fit_planes(
         member = padded(member, len(member), LARGEST_SAMPLE)
         planes, quality = map(np.asarray, _polish(jax.device_put(start), member, sample))
     fits: list[tuple[float, np.ndarray]] = []
-    for subset in begun:
-        for at in (2 * subset, 2 * subset + 1):
-            if _is_sensible(planes[at]):
-                if not any(_same_plane(planes[at], other) for _, other in fits):
-                    fits.append((float(quality[at]), planes[at]))
-                break
+    for first in range(0, len(planes), 2):
+        at = first if _is_sensible(planes[first]) else first + 1
+        if _is_sensible(planes[at]) and not any(_same_plane(planes[at], p) for _, p in fits):
+            fits.append((float(quality[at]), planes[at]))
     fits.sort(key=lambda item: -item[0])
     return np.array([plane for _, plane in fits]).reshape(-1, 7)
 
@@ -108,22 +102,27 @@ def _sample_plane(
     focal: float,
     settings: CalibrationSettings,
     generator: np.random.Generator,
-) -> Float[np.ndarray, "7"] | None:
-    """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon."""
+) -> Float[np.ndarray, "7"]:
+    """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon.
+
+    Returns:
+        (7,) camera parameters, NaN if there is no such plane.
+    """
+    nothing = np.full(7, np.nan)
     if len(boxes) < FEWEST_BOXES:
-        return None
+        return nothing
     design = np.stack([boxes[:, 0] / focal, boxes[:, 2] / focal, np.ones(len(boxes))], -1)
     tall = (boxes[:, 2] - boxes[:, 1]) / focal
     triples = generator.integers(0, len(boxes), (TRIALS, 3))
     matrices, values = design[triples], tall[triples]
     good = np.abs(np.linalg.det(matrices)) > 1e-6
     if not good.any():
-        return None
+        return nothing
     lines = np.linalg.solve(matrices[good], values[good][..., None])[..., 0]
     # Boxes grow downwards, and the camera is neither upside down nor lying on its side.
     lines = lines[(lines[:, 1] > 0.05) & (np.abs(lines[:, 0]) < 0.36 * lines[:, 1])]
     if not len(lines):
-        return None
+        return nothing
     # The threads of a matrix product would wait for each other longer than they multiply.
     predicted = np.maximum(np.einsum("lk,bk->lb", lines, design), 1e-3)
     misfit = (tall / predicted - 1) / TOLERANCE
@@ -137,7 +136,7 @@ def _sample_plane(
     fall, rise = design @ normal, normal[1] - (design[:, 1] - tall) * normal[2]
     known = (fall > 1 / FLATTEST) & (rise > 1 / FLATTEST)
     if known.sum() < FEWEST_BOXES:
-        return None
+        return nothing
     in_camera_heights = tall[known] / (fall[known] * rise[known])
     plane[Z] = settings.apparent_height / np.median(in_camera_heights)
     return plane

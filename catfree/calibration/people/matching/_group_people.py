@@ -91,18 +91,19 @@ def _merge(
     time, slot, partner, *_ = mutual_nearest(people, added, gate)
     members = members.copy()
     members[time, slot, camera] = partner
-    xy, covariance = people.xy.copy(), people.covariance.copy()
-    height, height_sd = people.height.copy(), people.height_sd.copy()
-    a, b = covariance[time, slot], added.covariance[time, partner]
+    merged = GroundMap(*(part.copy() for part in vars(people).values()))
+    a, b = people.covariance[time, slot], added.covariance[time, partner]
     gain = a @ np.linalg.inv(a + b)
-    step = added.xy[time, partner] - xy[time, slot]
-    xy[time, slot] += np.einsum("nij,nj->ni", gain, step)
-    covariance[time, slot] = a - gain @ a
-    wa, wb = height_sd[time, slot] ** -2, added.height_sd[time, partner] ** -2
-    height[time, slot] = (wa * height[time, slot] + wb * added.height[time, partner]) / (wa + wb)
-    height_sd[time, slot] = (wa + wb) ** -0.5
+    step = added.xy[time, partner] - people.xy[time, slot]
+    merged.xy[time, slot] += np.einsum("nij,nj->ni", gain, step)
+    merged.covariance[time, slot] = a - gain @ a
+    tall, other = people.height[time, slot], added.height[time, partner]
+    wa, wb = people.height_sd[time, slot] ** -2, added.height_sd[time, partner] ** -2
+    merged.height[time, slot] = (wa * tall + wb * other) / (wa + wb)
+    merged.height_sd[time, slot] = (wa + wb) ** -0.5
     unmatched = added.valid.copy()
     unmatched[time, partner] = False
+    added = replace(added, valid=unmatched)
     added_members = np.full((*unmatched.shape, members.shape[2]), -1)
     added_members[:, :, camera] = np.where(unmatched, np.arange(unmatched.shape[1]), -1)
     valid = np.concatenate([people.valid, unmatched], 1)
@@ -115,11 +116,5 @@ def _merge(
         joined = np.concatenate([one, two], 1)
         return joined[np.arange(len(joined))[:, None], order]
 
-    merged = GroundMap(
-        packed(xy, added.xy),
-        packed(covariance, added.covariance),
-        packed(height, added.height),
-        packed(height_sd, added.height_sd),
-        packed(people.valid, unmatched),
-    )
-    return merged, packed(members, added_members)
+    both = zip(vars(merged).values(), vars(added).values(), strict=True)
+    return GroundMap(*(packed(*parts) for parts in both)), packed(members, added_members)

@@ -26,12 +26,10 @@ class Placement:
     Attributes:
         angle: heading in radians.
         translation: (2,) meters.
-        score: votes above chance, in units of the square root of the chance votes.
     """
 
     angle: float
     translation: Float[np.ndarray, "2"]
-    score: float
 
     def place(self, parameters: Float[np.ndarray, "7"]) -> Float[np.ndarray, "7"]:
         """Transform a camera from the local frame to the world frame."""
@@ -68,7 +66,7 @@ def moved_map(people: GroundMap, placement: Placement) -> GroundMap:
 
 def vote(
     target: GroundMap, source: GroundMap, settings: CalibrationSettings, count: int
-) -> list[Placement]:
+) -> list[tuple[float, Placement]]:
     """Find the best placements of one local map in another.
 
     Args:
@@ -78,8 +76,9 @@ def vote(
         count: maximum number of distinct placements.
 
     Returns:
-        Placements, best first, from votes minus a fraction of the chance votes, which are counted
-        in the same way with one sequence shifted by half its length.
+        Placements and their scores, best first: votes minus a fraction of the chance votes, in
+        units of the square root of the latter. Chance votes are counted in the same way with one
+        sequence shifted by half its length.
     """
     target, source = _nearest(target), _nearest(source)
     bins = max(8, round(2 * np.pi / settings.voting_angle))
@@ -92,16 +91,16 @@ def vote(
     chance *= settings.chance_weight
     votes -= chance
     score = np.divide(votes, np.sqrt(level, out=level), out=votes)
-    placements: list[Placement] = []
+    placements: list[tuple[float, Placement]] = []
     best = np.flatnonzero(score > 0.4 * max(score.max(), 1e-9))
     for index in best[np.argsort(-score.flat[best], kind="stable")[: 50 * count]]:
         angle_bin, x_bin, y_bin = np.unravel_index(index, score.shape)
         # A blurred bin sums itself and the next one, so its center is its upper edge.
         angle = (angle_bin + 0.5) * 2 * np.pi / bins
         place = np.array([x_bin + 1.0, y_bin + 1.0]) * settings.voting_cell - radius
-        placement = Placement(angle, place, float(score.flat[index]))
-        if not any(placement.is_near(other, settings) for other in placements):
-            placements.append(placement)
+        placement = Placement(angle, place)
+        if not any(placement.is_near(other, settings) for _, other in placements):
+            placements.append((float(score.flat[index]), placement))
             if len(placements) == count:
                 break
     return placements
@@ -173,16 +172,13 @@ def align_rigidly(
     target: Float[np.ndarray, "n 2"],
     source: Float[np.ndarray, "n 2"],
     weight: Float[np.ndarray, " n"],
-) -> tuple[float, Float[np.ndarray, "2"]]:
+) -> Placement:
     """Fit the rigid motion of the ground that maps source points to target points.
 
     Args:
         target: (n, 2) points in meters.
         source: (n, 2) the moving points in meters.
         weight: (n,) of each pair.
-
-    Returns:
-        Heading in radians and translation (2,) in meters, as in `Placement`.
 
     Source: Umeyama (1991), in the plane and without scale.
     """
@@ -192,4 +188,4 @@ def align_rigidly(
     cosine = (weight * (a * b).sum(1)).sum()
     sine = (weight * (a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1])).sum()
     angle = float(np.arctan2(sine, cosine))
-    return angle, mt - turn(ms, angle)
+    return Placement(angle, mt - turn(ms, angle))

@@ -76,8 +76,7 @@ def judge_camera(
     def seen_by(one: int, people: GroundMap) -> Bool[np.ndarray, "frame person"]:
         """Mark the people whom a camera should see."""
         size, smallest = grid.size[one], float(work.smallest[one])
-        at, height = people.xy, people.height
-        return visible(state.parameters[one], size, smallest, at, height, settings)
+        return visible(state.parameters[one], size, smallest, people, settings)
 
     others_expected = seen_by(camera, others)
     own_expected = np.any([seen_by(int(c), camera_people) for c in np.flatnonzero(rest.placed)], 0)

@@ -1,22 +1,22 @@
 """Boxes of one sequence and quantities computed once from them."""
 
-import numpy as np
-from jaxtyping import Float
+from collections.abc import Sequence
 
-from catfree.calibration.people._box_grid import BoxGrid
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.calibration.people._box_grid import BoxGrid, grid_boxes
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_camera
 from catfree.calibration.people.cameras._single_view import fit_planes
+from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
+from catfree.types import Detections
+from catfree.types._validation import shown_camera
 
 
 class Workspace:
     """Boxes of one sequence and quantities computed once from them.
-
-    Args:
-        grid: all boxes.
-        settings: constants.
-        lenses: lenses whose distortion was removed from the boxes.
 
     Attributes:
         grid: all boxes.
@@ -32,13 +32,10 @@ class Workspace:
     def __init__(self, grid: BoxGrid, settings: CalibrationSettings, lenses: RadialLenses) -> None:
         self.grid, self.settings, self.lenses = grid, settings, lenses
         self.useful = grid.valid.sum((1, 2)) > settings.minimum_matches
-        tall = grid.box[..., 2] - grid.box[..., 1]
-        self.smallest = np.array(
-            [
-                np.quantile(t[v], 0.05) if v.any() else np.inf
-                for t, v in zip(tall, grid.valid, strict=True)
-            ]
-        )
+        tall = np.where(grid.valid, grid.box[..., 2] - grid.box[..., 1], np.nan)
+        shown = np.flatnonzero(grid.valid.any((1, 2)))
+        self.smallest = np.full(grid.camera_count, np.inf)
+        self.smallest[shown] = np.nanquantile(tall[shown], 0.05, axis=(1, 2))
         self.voting = grid.thinned(settings.voting_frames)
         self.scoring = grid.thinned(settings.scoring_frames)
         self._planes: dict[tuple[int, float], Float[np.ndarray, "plane 7"]] = {}
@@ -57,3 +54,40 @@ class Workspace:
         if key not in self._maps:
             self._maps[key] = map_camera(grid, camera, plane, self.settings, RANGE_ERRORS[0])
         return self._maps[key]
+
+
+def prepare(
+    detections: Detections,
+    size: Int[np.ndarray, "cam 2"],
+    settings: CalibrationSettings,
+    camera_names: Sequence[str] | None,
+    lenses: RadialLenses,
+) -> Workspace:
+    """Arrange the boxes on a grid and check that there are enough.
+
+    Args:
+        detections: (N,) boxes of all cameras.
+        size: (C, 2) image widths and heights in pixels.
+        settings: constants.
+        camera_names: for error messages.
+        lenses: lenses whose distortion is removed from the boxes.
+
+    Raises:
+        CalibrationError: if there are too few cameras, frames or boxes.
+    """
+    grid = grid_boxes(detections, size, settings, lenses)
+    work = Workspace(grid, settings, lenses)
+    seeing = int(work.useful.sum())
+    if seeing < 2:
+        boxes = enumerate(grid.valid.sum((1, 2)).tolist())
+        counts = ", ".join(f"{shown_camera(c, camera_names)}: {count}" for c, count in boxes)
+        raise CalibrationError(
+            f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
+            f"boxes inside the image each, but has {seeing} ({counts or 'no cameras'})."
+        )
+    if grid.frame_count < settings.minimum_frames:
+        raise CalibrationError(
+            f"Calibration from people needs at least {settings.minimum_frames} frames with boxes, "
+            f"and has {grid.frame_count}, too few to exclude chance agreement; record longer."
+        )
+    return work

@@ -23,12 +23,10 @@ class PairHypothesis:
     """Two cameras placed relative to each other from their single-view planes.
 
     Attributes:
-        cameras: indices of the two cameras.
         state: a rig of these two, the first with pan, X and Y zero.
         margin: evidence minus the highest evidence at shifted times.
     """
 
-    cameras: tuple[int, int]
     state: RigState
     margin: float
 
@@ -63,7 +61,7 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         )
         for (p, target), (q, source) in product(targets, sources):
             votes = vote(target, source, settings, PLACEMENTS_PER_VOTE)
-            found += [(placement.score, placement, p, q) for placement in votes]
+            found += [(score, placement, p, q) for score, placement in votes]
     for grid, count, shifts in (
         (work.voting, SHORTLIST, (0.5,)),
         (work.scoring, FINALISTS, settings.chance_shifts[1::2]),
@@ -88,7 +86,7 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
     if not found:
         return None
     margin, placement, p, q = max(found, key=lambda item: item[0])
-    return PairHypothesis((one, two), pair(p, placement.place(q)), margin)
+    return PairHypothesis(pair(p, placement.place(q)), margin)
 
 
 def _settle(target: GroundMap, source: GroundMap, placement: Placement, gate: float) -> Placement:
@@ -100,6 +98,5 @@ def _settle(target: GroundMap, source: GroundMap, placement: Placement, gate: fl
             return placement
         spread = target.covariance[time, slot] + moved.covariance[time, partner]
         weight = 1 / spread.trace(axis1=1, axis2=2)
-        angle, translation = align_rigidly(target.xy[time, slot], source.xy[time, partner], weight)
-        placement = Placement(angle, translation, placement.score)
+        placement = align_rigidly(target.xy[time, slot], source.xy[time, partner], weight)
     return placement

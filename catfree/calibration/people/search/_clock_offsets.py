@@ -145,8 +145,8 @@ def offset_of_unplaced(
         for plane in planes:
             camera_map = map_camera(sample, camera, plane, settings, RANGE_ERRORS[0])
             candidates += [
-                (placement.score, shift, placement.place(plane))
-                for placement in vote(voting_people, camera_map, settings, 1)
+                (score, shift, placement.place(plane))
+                for score, placement in vote(voting_people, camera_map, settings, 1)
             ]
     candidates.sort(key=lambda item: -item[0])
     tried = candidates[:TRIED_OFFSETS]

@@ -33,7 +33,7 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
     Args:
         work: the sequence.
         rig: two cameras.
-        pairs: all pair hypotheses, for candidates relative to placed cameras.
+        pairs: all pair hypotheses, best first, for candidates relative to placed cameras.
 
     Returns:
         The rig with the last verdicts.
@@ -118,7 +118,7 @@ def accepted_candidates(
         work: the sequence.
         state: the rig without the camera.
         camera: index of the camera.
-        pairs: pair hypotheses, for candidates relative to placed cameras.
+        pairs: pair hypotheses, best first, for candidates relative to placed cameras.
         most: number of placements to refine; None for all.
 
     Returns:
@@ -181,24 +181,28 @@ def _candidates(
     votes = []
     for plane in work.planes(camera, middle):
         camera_map = work.local_map(work.voting, camera, plane)
-        votes += [(v, plane) for v in vote(people, camera_map, settings, CANDIDATES)]
-    votes.sort(key=lambda item: -item[0].score)
-    starts = [placement.place(plane) for placement, plane in votes]
-    edges = [p for p in pairs if camera in p.cameras and state.placed[list(p.cameras)].sum() == 1]
-    edges.sort(key=lambda pair: -pair.margin)
-    composed = [_compose(state, pair, camera) for pair in edges]
+        votes += [
+            (score, placement.place(plane))
+            for score, placement in vote(people, camera_map, settings, CANDIDATES)
+        ]
+    starts = [start for _, start in sorted(votes, key=lambda item: -item[0])]
+    composed = [
+        _compose(state, pair, camera)
+        for pair in pairs
+        if pair.state.placed[camera] and (pair.state.placed & state.placed).any()
+    ]
     kept: list[np.ndarray] = []
     for start in composed[:1] + starts + composed[1:]:
-        place = Placement(start[PAN], start[X:Z], 0.0)
-        if not any(place.is_near(Placement(o[PAN], o[X:Z], 0.0), settings) for o in kept):
+        place = Placement(start[PAN], start[X:Z])
+        if not any(place.is_near(Placement(o[PAN], o[X:Z]), settings) for o in kept):
             kept.append(start)
     return kept
 
 
 def _compose(state: RigState, pair: PairHypothesis, camera: int) -> Float[np.ndarray, "7"]:
     """Place a camera relative to the placed camera of a pair."""
-    (other,) = set(pair.cameras) - {camera}
+    (other,) = np.flatnonzero(pair.state.placed & state.placed)
     relative, anchor = pair.state.parameters[[camera, other]]
     placed = state.parameters[other]
     angle = placed[PAN] - anchor[PAN]
-    return Placement(angle, placed[X:Z] - turn(anchor[X:Z], angle), 0.0).place(relative)
+    return Placement(angle, placed[X:Z] - turn(anchor[X:Z], angle)).place(relative)

@@ -58,7 +58,7 @@ def _grow_pairs(
         report("growth", done, len(pairs))
         if pair.margin <= 0:
             break
-        if any(rig.state.placed[list(pair.cameras)].all() for rig in grown):
+        if any(rig.state.placed[pair.state.placed].all() for rig in grown):
             continue
         rig = fit_rig(work, pair.state)
         if rig is not None and rig.quality[0]:

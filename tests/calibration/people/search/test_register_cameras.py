@@ -3,6 +3,7 @@
 from itertools import combinations
 from unittest import mock
 
+import numpy as np
 from hypothesis import given, strategies as st
 
 from catfree.calibration.people.search import _register_cameras
@@ -20,13 +21,16 @@ def test_one_pair_begins_a_rig_at_each_site_and_the_largest_rig_is_returned(site
         couple: margin if site[couple[0]] == site[couple[1]] else -1.0
         for couple, margin in zip(couples, margins, strict=True)
     }
-    pairs = [PairHypothesis(couple, state_of(couple), margin) for couple, margin in shared.items()]
+    pairs = [PairHypothesis(state_of(couple), margin) for couple, margin in shared.items()]
     pairs.sort(key=lambda pair: -pair.margin)
     begun = []
 
+    def site_of(pair):
+        return site[np.flatnonzero(pair.state.placed)[0]]
+
     def fitted(_, state):
         begun.append(next(pair for pair in pairs if pair.state is state))
-        return rig_of(begun[-1].cameras)
+        return rig_of(np.flatnonzero(state.placed).tolist())
 
     def grown(_, rig, __):
         of = site[min(rig.verdicts)]
@@ -37,10 +41,10 @@ def test_one_pair_begins_a_rig_at_each_site_and_the_largest_rig_is_returned(site
         mock.patch.object(_register_cameras, "grow_rig", grown),
     ):
         best = _register_cameras._grow_pairs(WORK, pairs, lambda *_: None)
-    found = [site[pair.cameras[0]] for pair in begun]
+    found = [site_of(pair) for pair in begun]
     assert sorted(found) == sorted({site[a] for (a, _), margin in shared.items() if margin > 0})
     for pair in begun:
-        of_site = [p.margin for p in pairs if site[p.cameras[0]] == site[pair.cameras[0]]]
+        of_site = [p.margin for p in pairs if site_of(p) == site_of(pair)]
         assert pair.margin == max(of_site)
     assert (best is None) == (not begun)
     if best is not None:

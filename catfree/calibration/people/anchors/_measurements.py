@@ -15,7 +15,7 @@ import scipy  # its linear algebra, which takes long to import, where it is used
 from jaxtyping import Array, Float, Int
 
 from catfree.calibration.people._radial_lens import ideal_pixels
-from catfree.calibration.people.adjustment._anchors import (
+from catfree.calibration.people.anchors._anchors import (
     Anchor,
     KnownCamera,
     KnownDistance,
@@ -29,13 +29,13 @@ from catfree.calibration.people.cameras._camera_model import (
     Y,
     Z,
     from_matrices,
-    projection,
+    rotation,
 )
 from catfree.geometry._buckets import padded
 from catfree.types import GeoReference, Rig
 
-QUANTITIES = ("distance", "height", "focal length", "position", "rotation", "point")
-DISTANCE, HEIGHT, FOCAL, POSITION, ROTATION, POINT = range(6)
+QUANTITIES = ("distance", "height", "focal length", "position", "rotation", "point", "people")
+DISTANCE, HEIGHT, FOCAL, POSITION, ROTATION, POINT, PEOPLE = range(7)
 STEEPEST = 1e-3  # a ray that falls less than this per unit of length hardly meets the ground
 NEAREST = 1e-6  # meters
 
@@ -44,9 +44,10 @@ class Measurement(NamedTuple):
     """One stated quantity.
 
     Attributes:
-        anchor: index of the anchor.
-        kind: index into `QUANTITIES`; distances, heights and focal lengths are logarithms.
-        camera: index of the camera.
+        anchor: the anchor that states it; None for the height of the people.
+        kind: index into `QUANTITIES`; lengths are logarithms, that of the people relative to what
+            is expected.
+        camera: index of the camera; arbitrary for the people.
         pixels: (2, 2) in pixels from the image center of an ideal camera; arbitrary if the quantity
             has none.
         value: (d,) what is stated.
@@ -54,29 +55,13 @@ class Measurement(NamedTuple):
         pixel_sd: standard deviation of each pixel coordinate.
     """
 
-    anchor: int
+    anchor: Anchor | None
     kind: int
     camera: int
     pixels: Float[np.ndarray, "2 2"]
     value: Float[np.ndarray, " d"]
     sd: Float[np.ndarray, " d"]
     pixel_sd: float
-
-
-class Linearized(NamedTuple):
-    """Measured quantities at a rig, and their derivatives.
-
-    Attributes:
-        value: (n, 3) quantities, 0 beyond their dimension.
-        by_camera: (n, 3, 7) derivatives by the parameters of the camera.
-        by_frame: (n, 3, 4) by the map frame.
-        by_pixel: (n, 3, 4) by the pixels.
-    """
-
-    value: Float[np.ndarray, "n 3"]
-    by_camera: Float[np.ndarray, "n 3 7"]
-    by_frame: Float[np.ndarray, "n 3 4"]
-    by_pixel: Float[np.ndarray, "n 3 4"]
 
 
 def measurements_of(
@@ -94,7 +79,7 @@ def measurements_of(
         earth: where the map frame is, if anchors have longitudes and latitudes.
     """
     measurements = []
-    for at, (anchor, camera) in enumerate(zip(anchors, cameras, strict=True)):
+    for anchor, camera in zip(anchors, cameras, strict=True):
         pixels, pixel_sd = np.zeros((2, 2)), 0.0
         if isinstance(anchor, KnownDistance):
             pixels = np.array(anchor.pixels, np.float64)
@@ -120,7 +105,7 @@ def measurements_of(
         for kind, value, sd in stated:
             values = np.atleast_1d(np.asarray(value, np.float64))
             sds = np.full(values.shape, sd, np.float64)
-            measurements.append(Measurement(at, kind, camera, pixels, values, sds, pixel_sd))
+            measurements.append(Measurement(anchor, kind, camera, pixels, values, sds, pixel_sd))
     return measurements
 
 
@@ -145,10 +130,7 @@ def ground_of_pixel(camera: Float[Array, "7"], pixel: Float[Array, "2"]) -> Floa
 
     Rays that do not fall meet it very far away.
     """
-    focal = jnp.exp(camera[LOG_FOCAL])
-    inverse = jnp.stack([1 / focal, 1 / focal, jnp.ones_like(focal)])
-    R = inverse[:, None] * projection(camera)[:, :3]
-    ray = R.T @ (inverse * jnp.append(pixel, 1.0))
+    ray = rotation(camera).T @ jnp.append(pixel / jnp.exp(camera[LOG_FOCAL]), 1.0)
     fall = -ray[2] / jnp.sqrt(ray @ ray)
     down = jnp.where(fall > STEEPEST, -ray[2], STEEPEST)
     return camera[X:Z] + camera[Z] * ray[:2] / down
@@ -165,36 +147,38 @@ def quantity(
     first, second = ground_of_pixel(placed, pixels[:2]), ground_of_pixel(placed, pixels[2:])
     away, zero = first - second, jnp.zeros((), placed.dtype)
     distance = jnp.log(jnp.maximum(jnp.sum(away**2), NEAREST**2)) / 2
-    alone = [distance, jnp.log(jnp.maximum(placed[Z], NEAREST)), placed[LOG_FOCAL]]
-    every = [jnp.stack([value, zero, zero]) for value in alone]
-    every += [placed[X:], placed[TILT : PAN + 1], jnp.append(first, zero)]
-    return jnp.stack(every)[kind]
+    height, focal = jnp.log(jnp.maximum(placed[Z], NEAREST)), placed[LOG_FOCAL]
+    distance, height, focal, people = (
+        jnp.stack([value, zero, zero]) for value in (distance, height, focal, frame[0])
+    )
+    position, angles, point = placed[X:], placed[TILT : PAN + 1], jnp.append(first, zero)
+    return jnp.stack([distance, height, focal, position, angles, point, people])[kind]
 
 
 @jax.jit
-def _linearize(
+def _quantities(
     camera: Float[Array, "n 7"],
     frame: Float[Array, "4"],
     pixels: Float[Array, "n 4"],
     kind: Int[Array, " n"],
-) -> tuple[Array, ...]:
+) -> tuple[Array, tuple[Array, Array, Array]]:
     axes = (0, None, 0, 0)
     value = jax.vmap(quantity, axes)(camera, frame, pixels, kind)
     derivatives: Any = jax.jacfwd(quantity, (0, 1, 2))
-    return value, *jax.vmap(derivatives, axes)(camera, frame, pixels, kind)
+    return value, jax.vmap(derivatives, axes)(camera, frame, pixels, kind)
 
 
 def linearize(
     measurements: Sequence[Measurement],
     cameras: Float[np.ndarray, "cam 7"],
     frame: Float[np.ndarray, "4"],
-) -> Linearized:
-    """Compute what anchors measure at a rig, and its derivatives.
+) -> tuple[Float[np.ndarray, "k n"], list[Float[np.ndarray, "d d"]], Float[np.ndarray, " k"]]:
+    """Compare k stated numbers with those of cameras in the frame of the people and a map frame.
 
-    Args:
-        measurements: n stated quantities.
-        cameras: (C, 7) cameras in the frame of the people.
-        frame: (4,) the map frame.
+    Returns:
+        (k, 7C + 4) derivatives of the latter by the cameras and by the map frame; (d, d) covariance
+        of what each measurement states, with that of its pixels; and (k,) stated minus predicted,
+        of angles modulo a whole turn.
     """
     count = len(measurements)
     length = max(count + -count % 8, 8)  # other numbers of anchors need no compilation
@@ -202,13 +186,27 @@ def linearize(
     pixels = np.array([m.pixels for m in measurements]).reshape(-1, 4)
     kind = np.array([m.kind for m in measurements], int)
     with jax.enable_x64(True):
-        arrays = _linearize(
+        value, slopes = _quantities(
             padded(cameras[camera], length),
             jnp.asarray(frame),
             padded(pixels, length),
             padded(kind, length),
         )
-        return Linearized(*(np.asarray(array)[:count] for array in arrays))
+        value, by_camera, by_frame, by_pixel = (np.asarray(a)[:count] for a in (value, *slopes))
+    sizes = np.array([len(m.value) for m in measurements], int)
+    owner, row = np.nonzero(np.arange(3) < sizes[:, None])
+    by_cameras = np.zeros((len(owner), *cameras.shape))
+    by_cameras[np.arange(len(owner)), camera[owner]] = by_camera[owner, row]
+    off = np.array([v for m in measurements for v in m.value]) - value[owner, row]
+    noise = [
+        np.diag(m.sd**2) + m.pixel_sd**2 * slope[:size] @ slope[:size].T
+        for m, slope, size in zip(measurements, by_pixel, sizes, strict=True)
+    ]
+    return (
+        np.hstack([by_cameras.reshape(len(owner), cameras.size), by_frame[owner, row]]),
+        noise,
+        np.where(kind[owner] == ROTATION, (off + np.pi) % (2 * np.pi) - np.pi, off),
+    )
 
 
 @jax.jit

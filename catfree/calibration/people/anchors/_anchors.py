@@ -1,14 +1,14 @@
 """Anchors: what is known about a site from elsewhere, each with its standard deviation."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.adapters.files._documents import read_json
+from catfree.adapters.files._documents import entry, list_of, read_json
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import GeoReference
 from catfree.types._georeference import middle_of
@@ -197,31 +197,16 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
         raise FileFormatError(
             f"{path}: anchors are an object with the lists distances, cameras and points."
         )
-    if not document.keys() <= _LISTS.keys():
-        raise FileFormatError(
-            f"{path} has {quoted(min(document.keys() - _LISTS.keys()))}; it may have "
-            f"{', '.join(_LISTS)}."
-        )
+    _require_known(document, _LISTS, str(path))
     anchors: list[Anchor] = []
     for name, kind in _LISTS.items():
-        entries = document.get(name, [])
-        if not isinstance(entries, list):
-            raise FileFormatError(f"{path}: {name} must be a list.")
-        for at, values in enumerate(entries):
+        for at, values in enumerate(list_of(document.get(name, []), f"{path}: {name}")):
             where = f"{path}: entry {at} of {name}"
-            if not isinstance(values, dict):
-                raise FileFormatError(f"{where} must be an object.")
-            known = {field.name for field in fields(kind)}
-            if not values.keys() <= known:
-                raise FileFormatError(
-                    f"{where} has {quoted(min(values.keys() - known))}; it may have "
-                    f"{', '.join(sorted(known))}."
-                )
-            missing = [f.name for f in fields(kind) if f.default is MISSING]
-            missing = [name for name in missing if name not in values]
-            if missing:
-                raise FileFormatError(f"{where} has no {quoted(missing[0])}.")
-            camera = values["camera"]
+            camera = entry(values, "camera", where)
+            _require_known(values, sorted(field.name for field in fields(kind)), where)
+            for field in fields(kind):
+                if field.default is MISSING:
+                    entry(values, field.name, where)
             if type(camera) not in (int, str):
                 raise InvalidInputError(
                     f"{where}: camera is {quoted(camera)}; it must be the index or the name of one."
@@ -235,6 +220,14 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
             except (TypeError, ValueError, OverflowError, InvalidInputError) as error:
                 raise InvalidInputError(f"{where}: {error}") from error
     return tuple(anchors)
+
+
+def _require_known(mapping: dict[str, Any], names: Collection[str], where: str) -> None:
+    """Refuse an object with other entries than these."""
+    if unknown := mapping.keys() - set(names):
+        raise FileFormatError(
+            f"{where} has {quoted(min(unknown))}; it may have {', '.join(names)}."
+        )
 
 
 def _floats(value: Any) -> Any:

@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.calibration.people.adjustment._anchor_residuals import (
+from catfree.calibration.people.anchors._measurements import (
     DISTANCE,
     POINT,
+    POSITION,
     QUANTITIES,
+    ROTATION,
     Measurement,
     linearize,
     map_cameras,
@@ -28,7 +30,8 @@ def drawn(seed):
 
 
 def measured(kind, pixels):
-    return Measurement(0, kind, 0, pixels, np.zeros(1), np.ones(1), 1.0)
+    size = {POSITION: 3, ROTATION: 3, POINT: 2}.get(kind, 1)
+    return Measurement(None, kind, 0, pixels, np.zeros(size), np.ones(size), 1.0)
 
 
 @given(st.integers(0, 10**6))
@@ -37,32 +40,35 @@ def test_points_of_the_ground_project_to_their_pixels(seed):
     moved, _ = map_cameras(camera[None], FRAME)
     K, R, t = to_matrices(moved, np.ones((1, 2), int))
     rows = [measured(POINT, pixels), measured(POINT, pixels[::-1]), measured(DISTANCE, pixels)]
-    found = linearize(rows, camera[None], FRAME).value
-    points = np.column_stack([found[:2, :2], np.zeros(2)])
+    found = -linearize(rows, camera[None], FRAME)[2]
+    points = np.column_stack([found[:4].reshape(2, 2), np.zeros(2)])
     again, _ = cv2.projectPoints(points, cv2.Rodrigues(R[0])[0], t[0], K[0], None)
     np.testing.assert_allclose(again[:, 0], pixels, atol=1e-6)
     apart = np.linalg.norm(points[0] - points[1])
-    np.testing.assert_allclose(np.exp(found[2, 0]), apart, rtol=1e-9)
+    np.testing.assert_allclose(np.exp(found[4]), apart, rtol=1e-9)
 
 
 @settings(max_examples=5)
 @given(st.integers(0, 10**6), st.integers(0, len(QUANTITIES) - 1))
 def test_derivatives_are_finite_differences(seed, kind):
     camera, pixels = drawn(seed)
-    found = linearize([measured(kind, pixels)], camera[None], FRAME)
+    slopes, (noise,), _ = linearize([measured(kind, pixels)], camera[None], FRAME)
 
     def value(change):
         rows = [measured(kind, pixels + change[11:].reshape(2, 2))]
-        return linearize(rows, (camera + change[:7])[None], FRAME + change[7:11]).value[0]
+        return -linearize(rows, (camera + change[:7])[None], FRAME + change[7:11])[2]
 
-    slopes = [(value(d) - value(-d)) / 2e-5 for d in 1e-5 * np.eye(15)]
-    exact = np.concatenate([found.by_camera[0], found.by_frame[0], found.by_pixel[0]], 1)
-    np.testing.assert_allclose(exact, np.stack(slopes, -1), atol=1e-5, rtol=1e-5)
+    exact = np.stack([(value(d) - value(-d)) / 2e-5 for d in 1e-5 * np.eye(15)], -1)
+    np.testing.assert_allclose(slopes, exact[:, :11], atol=1e-5, rtol=1e-5)
+    by_pixel = exact[:, 11:]
+    expected = np.eye(len(noise)) + by_pixel @ by_pixel.T
+    np.testing.assert_allclose(noise, expected, atol=1e-5, rtol=1e-5)
 
 
 @pytest.mark.parametrize("kind", range(len(QUANTITIES)))
 def test_values_and_derivatives_are_finite_above_the_horizon(kind):
     camera, _ = drawn(0)
     rows = [measured(kind, pixels) for pixels in (np.full((2, 2), -1e4), np.zeros((2, 2)))]
-    for array in linearize(rows, camera[None], FRAME):
+    slopes, noise, off = linearize(rows, camera[None], FRAME)
+    for array in (slopes, *noise, off):
         assert np.isfinite(array).all()
