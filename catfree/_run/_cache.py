@@ -18,7 +18,8 @@ from catfree.types import Localization, Tracks
 from catfree.types._archive import load_arrays, naming_file, optional_arguments, save_arrays
 from catfree.types._validation import options_of, require_declared_types
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned
-from catfree.types.results import require_sound_localization, require_sound_tracks
+from catfree.types.results._localization import require_sound_localization
+from catfree.types.results._tracks import require_sound_tracks
 
 T = TypeVar("T")
 Arrays = dict[str, Any]

@@ -19,7 +19,7 @@ from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.files._camera_names import files_ending, is_numbered, positions_of
 from catfree.adapters.files._documents import IMAGE_SUFFIXES
 from catfree.adapters.files._fingerprint import hash_samples
-from catfree.adapters.video import SynchronizedVideos
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._video_sources import ImageFolder
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import offset_for

@@ -27,7 +27,7 @@ from catfree.settings import SelectionSettings, Settings
 from catfree.types import Detections, Lens, Localization, Scene
 from catfree.types._validation import as_path, require_instance
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned, replacing
-from catfree.types.results import MOST_CAMERAS
+from catfree.types.results._arrow_table import CAMERA_BITS
 from catfree.viz.footage._contact_sheet import write_sheet
 from catfree.viz.page._blocks import Block
 from catfree.viz.page._excerpt import choose_excerpt, earlier_pictures, write_pictures
@@ -393,7 +393,7 @@ def _write_tables(
         write_tracks_csv(root / TABLE_FILE, tracks),
         write_mot_ground(root / MOT_FILE, tracks, numbers, threshold=reach),
     ]
-    fits = tracks.support.shape[1] <= MOST_CAMERAS
+    fits = tracks.support.shape[1] <= CAMERA_BITS
     if fits and importlib.util.find_spec("pyarrow") is not None:
         parquet = root / "tracks.parquet"
         files.append(write_tracks_parquet(parquet, tracks, outcome.camera_names))

@@ -8,17 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from catfree.adapters.calibration_files import (
-    NamedRig,
-    read_ai_city,
-    read_anipose_toml,
-    read_colmap,
-    read_mv3dt,
-    read_opencv_yaml,
-    read_rig_json,
-    read_scene_json,
-)
-from catfree.adapters.calibration_files._projection_matrices import PROJECTION
+from catfree.adapters.calibration_files._ai_city import read_ai_city
+from catfree.adapters.calibration_files._anipose_toml import read_anipose_toml
+from catfree.adapters.calibration_files._named_rig import NamedRig
+from catfree.adapters.calibration_files._opencv_yaml import read_opencv_yaml
+from catfree.adapters.calibration_files._projection_matrices import PROJECTION, read_mv3dt
+from catfree.adapters.calibration_files._rig_json import read_rig_json, read_scene_json
+from catfree.adapters.calibration_files.colmap._colmap import read_colmap
 from catfree.adapters.datasets._multiviewx import read_multiviewx
 from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.datasets._wildtrack import read_wildtrack

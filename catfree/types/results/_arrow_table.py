@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 ORIGINS = ("detected", "extended", "interpolated")
-MOST_CAMERAS = 64  # bits of the column `cameras`
+CAMERA_BITS = 64  # bits of the column `cameras`
 
 _FLOATS = ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy", "existence", "sigma")
 _COLUMNS = ("time_s", "frame", "track_id", *_FLOATS, "origin", "cameras")
@@ -154,10 +154,10 @@ def require_pyarrow() -> ModuleType:
 def _bits_of(support: Any, known: Any, names: list[str] | None) -> np.ndarray | None:
     """(M,) the bit sets of the cameras that support each row, or None if nothing tells them."""
     count = support.shape[1]
-    if count > MOST_CAMERAS:
-        name = quoted(names[MOST_CAMERAS]) if names and len(names) == count else MOST_CAMERAS
+    if count > CAMERA_BITS:
+        name = quoted(names[CAMERA_BITS]) if names and len(names) == count else CAMERA_BITS
         raise InvalidInputError(
-            f"The column cameras has one bit for each of at most {MOST_CAMERAS} cameras, but there "
+            f"The column cameras has one bit for each of at most {CAMERA_BITS} cameras, but there "
             f"are {count}: camera {name} has none. Write the tracks as CSV or .npz."
         )
     if names is not None and count and len(names) != count:
