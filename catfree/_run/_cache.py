@@ -14,23 +14,16 @@ import numpy as np
 
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.errors import FileFormatError, InvalidInputError, WriteError
-from catfree.types import Localization, Tracks
-from catfree.types._archive import load_arrays, naming_file, optional_arguments, save_arrays
+from catfree.types import Localization
+from catfree.types._archive import arguments_of, load_arrays, naming_file, save_arrays
 from catfree.types._validation import options_of, require_declared_types
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned
 from catfree.types.results._localization import require_sound_localization
-from catfree.types.results._tracks import require_sound_tracks
 
 T = TypeVar("T")
 Arrays = dict[str, Any]
 
 SEPARATOR = "."
-
-# Checks of a loaded result beyond the declared types of its fields.
-_CHECKS: dict[type, Callable[[Any], None]] = {
-    Localization: require_sound_localization,
-    Tracks: require_sound_tracks,
-}
 
 
 class StageCache:
@@ -159,7 +152,7 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             its dataclass.
     """
     values: dict[str, Any] = {}
-    hints, optional = _field_types(kind), optional_arguments(kind)
+    hints, (_, optional) = _field_types(kind), arguments_of(kind)
     for name, hint in hints.items():
         options = options_of(hint)
         prefix = name + SEPARATOR
@@ -180,8 +173,8 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             raise FileFormatError(f"A stored {kind.__name__} lacks {name!r}.")
     require_declared_types(kind, values)
     value = kind(**values)
-    if kind in _CHECKS:
-        _CHECKS[kind](value)
+    if isinstance(value, Localization):
+        require_sound_localization(value)
     return value
 
 
