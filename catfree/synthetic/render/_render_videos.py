@@ -42,7 +42,6 @@ def make_demo_world(
     people: int = 14,
     frames: int = 200,
     image_size: tuple[int, int] = (1280, 720),
-    height: tuple[float, float] = (4.5, 5.0),
 ) -> World:
     """The world of the demo: a furnished 16 x 16 m square at 5 frames per second.
 
@@ -52,13 +51,12 @@ def make_demo_world(
         people: people on the square at a time; a third as many stay around it.
         frames: number of frames.
         image_size: width and height in pixels.
-        height: range of the cameras' heights in meters.
 
     Returns:
         A world for `render_videos`. Focal lengths and the mean body height differ from the values
         that a method may assume; people stand for only a few seconds.
     """
-    layout = ring(cameras, seed=seed, image_size=image_size, height=height, people=people)
+    layout = ring(cameras, seed=seed, image_size=image_size, people=people)
     columns = street_furniture(layout.area, seed, cameras=np.asarray(layout.rig.centers))
     return make_world(layout, seed, frames=frames, columns=columns, standing_time=STANDING_TIME)
 
