@@ -150,18 +150,13 @@ def _inside(source: Path) -> Path:
     if len(anipose) == 1:
         return anipose[0]
     sensors = source / "calibration.json"
-    if sensors.is_file() and _holds(sensors, "sensors"):
+    if sensors.is_file() and '"sensors"' in read_text(sensors, "calibration"):
         return sensors
     return source / "camInfo" if (source / "camInfo").is_dir() else source
 
 
 def _is_model(folder: Path) -> bool:
     return any((folder / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt"))
-
-
-def _holds(path: Path, key: str) -> bool:
-    document = read_json(path, "calibration")
-    return isinstance(document, dict) and key in document
 
 
 def _read(

@@ -30,14 +30,11 @@ _DESCRIPTIONS = {
 }
 
 
-def to_table(
-    columns: Mapping[str, Any], clock: Clock | None, camera_names: Sequence[str] | None
-) -> "pyarrow.Table":
+def to_table(columns: Mapping[str, Any], camera_names: Sequence[str] | None) -> "pyarrow.Table":
     """Make the table of tracks; see `Tracks.to_arrow`.
 
     Args:
         columns: the fields of the tracks.
-        clock: of their frames.
         camera_names: (C,) names, or None.
 
     Raises:
@@ -47,7 +44,7 @@ def to_table(
     arrow = require_pyarrow()
     names = None if camera_names is None else [str(name) for name in camera_names]
     bits = _bits_of(columns["support"], columns["cameras"], names)
-    frame = np.asarray(columns["frame"], np.int64)
+    frame, clock = columns["frame"], columns["clock"]
     xy, covariance = (np.asarray(columns[name], np.float64) for name in ("ground_xy", "covariance"))
     rate = np.nan if clock is None else clock.frame_rate
     velocity = np.asarray(columns["velocity"], np.float64) * rate
@@ -72,7 +69,7 @@ def to_table(
         for name, values in numbers.items()
     }
     arrays["frame"] = arrow.array(frame)
-    arrays["track_id"] = arrow.array(np.asarray(columns["track_id"], np.int64))
+    arrays["track_id"] = arrow.array(columns["track_id"])
     arrays["origin"] = arrow.DictionaryArray.from_arrays(
         arrow.array(np.asarray(columns["origin"], np.int8)), arrow.array(ORIGINS)
     )
