@@ -152,8 +152,8 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             its dataclass.
     """
     values: dict[str, Any] = {}
-    hints, (_, optional) = _field_types(kind), arguments_of(kind)
-    for name, hint in hints.items():
+    _, optional = arguments_of(kind)
+    for name, hint in typing.get_type_hints(kind).items():
         options = options_of(hint)
         prefix = name + SEPARATOR
         inner = {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
@@ -197,9 +197,3 @@ def code_hash(*packages: str) -> str:
         digest.update(str(source.relative_to(root)).encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()
-
-
-@functools.cache
-def _field_types(kind: type[Any]) -> dict[str, Any]:
-    hints = typing.get_type_hints(kind)
-    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}

@@ -156,8 +156,14 @@ class SynchronizedVideos:
             self._sources = list(pool.map(_open_camera, range(len(paths)), paths))
         self._offsets, self._keep, self._fewest = shifts, on_error == "keep", fewest
         self.camera_names: list[str] = names_of_files([s.path for s in self._sources])
-        self._rate = self._common_rate(frame_rate)
-        self._start, self._utc = self._common_start()
+        named = zip(self.camera_names, self._sources, strict=True)
+        rates = {name: source.fps for name, source in named if source.fps is not None}
+        self._rate = common_rate(rates, frame_rate)
+        timed = [source.times for source in self._sources]
+        starts = [np.zeros(1) if times is None else times for times in timed]
+        self._start, self._utc = common_start(starts, self.camera_names)
+        if any(times is None for times in timed):
+            self._start = 0.0  # frames without times of their own count from the first one
         self._origins = self._origins_of_ticks(offsets is not None)
         for camera, (offset, source) in enumerate(zip(shifts, self._sources, strict=True)):
             if offset >= source.frame_count and self._span(camera)[1] < 0:
@@ -441,21 +447,6 @@ class SynchronizedVideos:
                 f"started with {source.image_size[0]} x {source.image_size[1]} px. {advice}"
             )
         return image
-
-    def _common_rate(self, frame_rate: float | int | None) -> float | None:
-        rates = {
-            name: source.fps
-            for name, source in zip(self.camera_names, self._sources, strict=True)
-            if source.fps is not None
-        }
-        return common_rate(rates, frame_rate)
-
-    def _common_start(self) -> tuple[float, bool]:
-        """Seconds of the earliest frame, and whether they count from 1970."""
-        times = [np.zeros(1) if s.times is None else s.times for s in self._sources]
-        start, utc = common_start(times, self.camera_names)
-        # Frames without times of their own count from the first one.
-        return (0.0 if any(s.times is None for s in self._sources) else start), utc
 
     def _origins_of_ticks(self, given: bool) -> list[float]:
         """Return the time of tick 0 by each camera's times; `given` offsets overrule them."""
