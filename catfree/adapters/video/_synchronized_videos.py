@@ -235,8 +235,7 @@ class SynchronizedVideos:
     @property
     def silent(self) -> Int[np.ndarray, "k 2"]:
         """(K, 2) frame and camera of each picture that does not exist, as `localize` takes them."""
-        at, camera = np.nonzero(~self._has)
-        return np.column_stack([self.frames[at], camera])
+        return self._silent
 
     @property
     def image_size(self) -> Int[np.ndarray, "cam 2"]:
@@ -267,7 +266,8 @@ class SynchronizedVideos:
     def footage(self) -> tuple[CameraFootage, ...]:
         """(C,) footage of each camera, whether it is used or not."""
         start, end = self._limits
-        pictures, footage = self._has.sum(0).tolist(), []
+        lacking = np.bincount(self._silent[:, 1], minlength=self.camera_count).tolist()
+        footage = []
         for camera, source in enumerate(self._sources):
             first, last = self._span(camera)
             begin = first if start is None else max(first, start)
@@ -282,7 +282,7 @@ class SynchronizedVideos:
                     source.image_size,
                     range(begin, max(begin, stop), self._stride),
                     self._dropped[camera],
-                    pictures[camera],
+                    self.frame_count - lacking[camera],
                     source.timeless,
                 )
             )
@@ -391,10 +391,11 @@ class SynchronizedVideos:
 
             def read(done: int) -> dict[int, Image]:
                 tick = int(self._ticks[done])
+                begin, stop = np.searchsorted(self._silent[:, 0], [tick, tick + 1])
                 return {
                     camera: self._read(camera, reader, tick, done)
                     for camera, reader in readers.items()
-                    if self._has[done, camera]
+                    if camera not in self._silent[begin:stop, 1]
                 }
 
             # The next instant is decoded while this one is looked at.
@@ -501,7 +502,9 @@ class SynchronizedVideos:
                 f"{quoted(self.camera_names[camera])} has no frame near {self._dropped[camera]} of "
                 f"the {len(span)} ticks. Check the times of its frames."
             )
-        self._ticks, self._has = tick[enough], has_frame[enough]
+        self._ticks = tick[enough]
+        at, camera = np.nonzero(~has_frame[enough])
+        self._silent = np.column_stack([self._ticks[at], camera])
 
     @property
     def _enough(self) -> str:
