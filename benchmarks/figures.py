@@ -227,9 +227,9 @@ def demo(seed: int, data: Path | None) -> Figures:
         "cameras": len(error),
         "centre error, mean": error.mean(),
         "scale": similarity.scale,
-        "MODA, similarity": similarity.moda,
-        "MODA, rigid": rigid.moda,
-        "IDF1": similarity.idf1,
+        "MODA, similarity": similarity.detection.moda,
+        "MODA, rigid": rigid.detection.moda,
+        "IDF1": similarity.tracking.idf1,
         "HOTA": similarity.hota,
     }
 

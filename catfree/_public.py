@@ -27,10 +27,8 @@ from catfree._run.sharded._stored_tracks import (
     open_tracks as open_tracks,
 )
 from catfree._worker import worker_environment as worker_environment
-from catfree.adapters.datasets import (
-    read_detections as read_detections,
-    read_scene as read_scene,
-)
+from catfree.adapters.datasets._detection_files import read_detections as read_detections
+from catfree.adapters.datasets._scene_files import read_scene as read_scene
 from catfree.calibration import (
     AnchorCheck as AnchorCheck,
     Calibration as Calibration,

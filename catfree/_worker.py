@@ -5,8 +5,11 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 # Workers share the processors, so each library uses one thread.
 ONE_THREAD = {
@@ -27,6 +30,10 @@ OF_JAX = ("PJRT_NPROC", "XLA_FLAGS")
 # fast. XLA ends a process that names an option that it does not know, as a later one may not.
 QUICK_COMPILATION = "--xla_cpu_use_fusion_emitters=false"
 LAST_WITH_OPTION = (0, 10)  # of jaxlib
+POLL = 0.1  # seconds between two looks for reports
+
+# Neither JAX nor OpenCV survive a fork.
+SPAWN = multiprocessing.get_context("spawn")
 
 # Set only in worker processes: the queue `reports` to which they report.
 from_parent: dict[str, Any] = {}
@@ -92,6 +99,48 @@ def inherited(environment: Mapping[str, str]) -> Iterator[None]:
                     else:
                         os.environ[name] = value
                 _before.clear()
+
+
+@contextlib.contextmanager
+def spawned_pool(count: int, reports: Any = None) -> Iterator[ProcessPoolExecutor]:
+    """Yield an executor whose processes are spawned, as tasks need them; an error cancels the rest.
+
+    Until it is shut down, the environment of this process holds that of `worker_environment`
+    without the variables of JAX; other processes started meanwhile inherit it.
+
+    Args:
+        count: most processes.
+        reports: a queue made by `SPAWN`, which the processes have as `from_parent["reports"]`.
+    """
+    environment = worker_environment()
+    with (
+        inherited(environment),
+        ProcessPoolExecutor(count, SPAWN, start_worker, (environment, reports)) as pool,
+    ):
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def as_they_end(
+    tasks: Iterable[Future[T]], reports: Any, progress: Callable[[int], None]
+) -> Iterator[Future[T]]:
+    """Yield tasks as they end, and meanwhile pass on the sum of what their processes report.
+
+    Args:
+        tasks: of processes that put numbers of finished steps into the queue.
+        reports: the queue.
+        progress: called with the number of steps that are finished.
+    """
+    done, pending = 0, set(tasks)
+    while pending:
+        finished, pending = wait(pending, POLL, FIRST_COMPLETED)
+        while not reports.empty():
+            done += reports.get()
+            progress(done)
+        yield from finished
 
 
 def start_worker(environment: Mapping[str, str], reports: Any = None) -> None:

@@ -29,6 +29,7 @@ from catfree._run.sharded._stored_tracks import open_tracks
 from catfree.adapters import (
     read_detections,
     read_detections_parquet,
+    read_missing_pictures,
     read_scene,
     read_tracks,
     write_detections_parquet,
@@ -36,7 +37,6 @@ from catfree.adapters import (
     write_tracks_csv,
     write_tracks_parquet,
 )
-from catfree.adapters.datasets import read_missing_pictures
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError
 from catfree.settings import Settings

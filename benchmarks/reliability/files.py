@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.reliability.dispatched import dispatching_readers
 from benchmarks.reliability.material import Material, Reader
 from catfree._run._cache import StageCache, to_arrays
-from catfree._run._result_folder import LOCALIZATION_FILE, SCENE_FILE, read_results
+from catfree._run._result_folder import LOCALIZATION_FILE, read_results
 from catfree._run.sharded._sites import read_sites
 from catfree.adapters import (
     read_ai_city,
@@ -45,6 +45,7 @@ from catfree.adapters import (
     write_tracks_parquet,
 )
 from catfree.adapters.calibration_files.colmap._colmap_models import MODELS, PARAMETERS
+from catfree.adapters.datasets._detection_files import RESULT_SCENE
 from catfree.adapters.video._timestamps import read_timestamps
 from catfree.calibration import read_anchors
 from catfree.methods.online import TrackerState
@@ -195,7 +196,7 @@ def _load(kind: Any) -> Callable[[Path], Any]:
 
 
 def _write_results(folder: Path, m: Material) -> None:
-    write_scene_json(folder / SCENE_FILE, m.scene, m.names)
+    write_scene_json(folder / RESULT_SCENE, m.scene, m.names)
     arrays = to_arrays(m.localization)
     save_arrays(folder / LOCALIZATION_FILE, Localization.__name__, arrays)
 

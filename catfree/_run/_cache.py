@@ -14,22 +14,16 @@ import numpy as np
 
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.errors import FileFormatError, InvalidInputError, WriteError
-from catfree.types import Localization, Tracks
-from catfree.types._archive import load_arrays, naming_file, optional_arguments, save_arrays
+from catfree.types import Localization
+from catfree.types._archive import arguments_of, load_arrays, naming_file, save_arrays
 from catfree.types._validation import options_of, require_declared_types
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned
-from catfree.types.results import require_sound_localization, require_sound_tracks
+from catfree.types.results._localization import require_sound_localization
 
 T = TypeVar("T")
 Arrays = dict[str, Any]
 
 SEPARATOR = "."
-
-# Checks of a loaded result beyond the declared types of its fields.
-_CHECKS: dict[type, Callable[[Any], None]] = {
-    Localization: require_sound_localization,
-    Tracks: require_sound_tracks,
-}
 
 
 class StageCache:
@@ -158,8 +152,8 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             its dataclass.
     """
     values: dict[str, Any] = {}
-    hints, optional = _field_types(kind), optional_arguments(kind)
-    for name, hint in hints.items():
+    _, optional = arguments_of(kind)
+    for name, hint in typing.get_type_hints(kind).items():
         options = options_of(hint)
         prefix = name + SEPARATOR
         inner = {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
@@ -179,8 +173,8 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             raise FileFormatError(f"A stored {kind.__name__} lacks {name!r}.")
     require_declared_types(kind, values)
     value = kind(**values)
-    if kind in _CHECKS:
-        _CHECKS[kind](value)
+    if isinstance(value, Localization):
+        require_sound_localization(value)
     return value
 
 
@@ -203,9 +197,3 @@ def code_hash(*packages: str) -> str:
         digest.update(str(source.relative_to(root)).encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()
-
-
-@functools.cache
-def _field_types(kind: type[Any]) -> dict[str, Any]:
-    hints = typing.get_type_hints(kind)
-    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}

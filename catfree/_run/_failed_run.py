@@ -16,7 +16,7 @@ from catfree._run._result_folder import (
     write_boxes,
 )
 from catfree._run._run import Unfinished
-from catfree.adapters.video import SynchronizedVideos
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import CatFreeError, shortened
 from catfree.geometry._person import cut_by_border
 from catfree.settings import EvidenceSettings

@@ -19,7 +19,7 @@ from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.files._camera_names import files_ending, is_numbered, positions_of
 from catfree.adapters.files._documents import IMAGE_SUFFIXES
 from catfree.adapters.files._fingerprint import hash_samples
-from catfree.adapters.video import SynchronizedVideos
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._video_sources import ImageFolder
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import offset_for
@@ -207,8 +207,8 @@ def missing_images(videos: SynchronizedVideos) -> tuple[str, ...]:
         One sentence per such camera: its first number without an image.
     """
     warnings = []
-    for one, timeless in zip(videos.footage, videos.timeless, strict=True):
-        if not (timeless and one.path.is_dir()):
+    for one in videos.footage:
+        if not (one.timeless and one.path.is_dir()):
             continue
         files = files_ending(one.path, IMAGE_SUFFIXES)
         digits = [re.findall(r"\d+", file.stem)[-1:] for file in files]
@@ -240,8 +240,8 @@ def unknown_times(videos: SynchronizedVideos) -> tuple[str, ...]:
     return tuple(
         f"Nothing tells the times of the frames of camera {quoted(one.name)}; they are taken to be "
         f"even, {videos.clock.frame_rate if one.fps is None else one.fps:g} per second."
-        for one, timeless in zip(videos.footage, videos.timeless, strict=True)
-        if timeless
+        for one in videos.footage
+        if one.timeless
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from catfree._coverage import Coverage
 from catfree._run._run import RunOutcome
-from catfree.adapters.video import SynchronizedVideos
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration.people import Calibration
 from catfree.settings import Settings
 from catfree.types import Localization, Origin, Reliability, Scene

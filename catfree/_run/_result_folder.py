@@ -17,6 +17,7 @@ from catfree._run._run import RunOutcome
 from catfree.adapters.calibration_files._anipose_toml import write_anipose_toml
 from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
 from catfree.adapters.calibration_files.colmap._colmap import write_colmap_text
+from catfree.adapters.datasets._detection_files import RESULT_BOXES, RESULT_SCENE
 from catfree.adapters.files._camera_names import distinct_names, file_names
 from catfree.adapters.tables._motchallenge import write_mot_boxes, write_mot_ground
 from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks_parquet
@@ -27,7 +28,7 @@ from catfree.settings import SelectionSettings, Settings
 from catfree.types import Detections, Lens, Localization, Scene
 from catfree.types._validation import as_path, require_instance
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned, replacing
-from catfree.types.results import MOST_CAMERAS
+from catfree.types.results._arrow_table import CAMERA_BITS
 from catfree.viz.footage._contact_sheet import write_sheet
 from catfree.viz.page._blocks import Block
 from catfree.viz.page._excerpt import choose_excerpt, earlier_pictures, write_pictures
@@ -42,7 +43,7 @@ MATCHING_METERS = 1.0
 # With files, within the result folder.
 FOLDERS = ("", "boxes", "pictures", "pictures/instants", "rig", "rig/colmap")
 INSTANTS, OVERLAY_FILE = "pictures/instants", "overlay.webm"
-LOCALIZATION_FILE, SCENE_FILE = "localization.npz", "scene.json"
+LOCALIZATION_FILE = "localization.npz"
 TABLE_FILE, MOT_FILE = "tracks.csv", "tracks_mot.txt"
 PICTURES = (
     "bird_eye.png",
@@ -164,7 +165,7 @@ def remove_unless_written(earlier: Sequence[Path], written: Sequence[Path | None
 
 def earlier_results(root: Path) -> list[Path]:
     """List the tracks, cameras and boxes that an earlier run left in a result folder."""
-    names = (TABLE_FILE, MOT_FILE, LOCALIZATION_FILE, SCENE_FILE, *SOMETIMES)
+    names = (TABLE_FILE, MOT_FILE, LOCALIZATION_FILE, RESULT_SCENE, *SOMETIMES)
     earlier = [*(root / name for name in names), *_earlier_boxes(root)]
     return [path for path in earlier if path.is_file()]
 
@@ -180,7 +181,7 @@ def _earlier_boxes(root: Path) -> list[Path]:
     if not (root / LOCALIZATION_FILE).is_file():
         return []  # `write_rig` writes a scene, too, but no boxes: those are not ours
     try:
-        names = read_scene_json(root / SCENE_FILE)[1]
+        names = read_scene_json(root / RESULT_SCENE)[1]
     except CatFreeError:
         return []
     return [root / "boxes" / f"{name}.txt" for name in file_names(names)]
@@ -239,7 +240,7 @@ def write_rig(
     """
     root = Path(folder)
     make_folder(root / "rig")
-    written = [write_scene_json(root / SCENE_FILE, scene, camera_names)]
+    written = [write_scene_json(root / RESULT_SCENE, scene, camera_names)]
     if (scene.rig.lenses == Lens.RAYS).any():
         return written
     # COLMAP separates its columns by spaces.
@@ -263,12 +264,12 @@ def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, t
         FileFormatError: if a file has another format, or the files are from different runs.
     """
     root = as_path(folder, "folder")
-    scene, names = read_scene_json(root / SCENE_FILE)
+    scene, names = read_scene_json(root / RESULT_SCENE)
     localization = load_value(root / LOCALIZATION_FILE, Localization)
     cameras = localization.candidates.support.shape[-1]
     if cameras != scene.rig.camera_count:
         raise FileFormatError(
-            f"{root / SCENE_FILE} has {scene.rig.camera_count} cameras, but "
+            f"{root / RESULT_SCENE} has {scene.rig.camera_count} cameras, but "
             f"{root / LOCALIZATION_FILE} was made with {cameras}. Take both from one run."
         )
     return localization, scene, names
@@ -393,7 +394,7 @@ def _write_tables(
         write_tracks_csv(root / TABLE_FILE, tracks),
         write_mot_ground(root / MOT_FILE, tracks, numbers, threshold=reach),
     ]
-    fits = tracks.support.shape[1] <= MOST_CAMERAS
+    fits = tracks.support.shape[1] <= CAMERA_BITS
     if fits and importlib.util.find_spec("pyarrow") is not None:
         parquet = root / "tracks.parquet"
         files.append(write_tracks_parquet(parquet, tracks, outcome.camera_names))
@@ -456,5 +457,5 @@ def write_boxes(
         track_id = None if identity is None else identity[rows]
         files.append(write_mot_boxes(folder / f"{name}.txt", detections[rows], frames, track_id))
     kept = detections if embeddings else dataclasses.replace(detections, embedding=None)
-    kept.save(root / "detections.npz")
-    return [*files, root / "detections.npz"]
+    kept.save(root / RESULT_BOXES)
+    return [*files, root / RESULT_BOXES]

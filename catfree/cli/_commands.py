@@ -477,8 +477,8 @@ def evaluate(
             tracks, of the truth only frames in the even steps of the tracks, as of a run with
             a stride.
     """
-    from catfree.adapters.datasets import read_ground_truth
-    from catfree.adapters.tables import read_tracks
+    from catfree.adapters.datasets._ground_truth import read_ground_truth
+    from catfree.adapters.tables._track_files import read_tracks
     from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
     from catfree.viz.page._blocks import Table
 

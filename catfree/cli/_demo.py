@@ -12,6 +12,8 @@ from catfree._run._result_folder import write_results
 from catfree._run._run import RunOutcome, run_stages
 from catfree.errors import CalibrationError, InsufficientDataError, InvalidInputError
 from catfree.evaluation import (
+    DetectionMetrics,
+    TrackingMetrics,
     align_centres,
     crop,
     detection_metrics,
@@ -56,11 +58,8 @@ class AlignedScore:
 
     Attributes:
         alignment: "similarity" or "rigid" (without correcting the scale).
-        moda: detection accuracy in percent, matches within 0.5 m.
-        precision: share of the positions that are right, in percent.
-        recall: share of the people that were found, in percent.
-        position_error: mean distance of matched positions in meters.
-        idf1: identity score in percent, matches within 1 m.
+        detection: matches within 0.5 m.
+        tracking: matches within 1 m.
         hota: in percent.
         centre_error: (C,) distance of each camera's center from the truth in meters, NaN where not
             registered.
@@ -68,11 +67,8 @@ class AlignedScore:
     """
 
     alignment: str
-    moda: float
-    precision: float
-    recall: float
-    position_error: float
-    idf1: float
+    detection: DetectionMetrics
+    tracking: TrackingMetrics
     hota: float
     centre_error: Float[np.ndarray, " cam"]
     scale: float
@@ -189,8 +185,7 @@ def score(world: World, outcome: RunOutcome) -> tuple[AlignedScore, ...]:
         )
         moved = np.asarray(similarity(tracks.position))
         rows = crop(tracks.to_rows(moved[:, :2]), world.area)
-        metrics = detection_metrics(world.ground_truth, rows, outcome.frames)
-        followed = tracking_metrics(world.ground_truth, rows, outcome.frames)
+        compared = world.ground_truth, rows, outcome.frames
         error = np.full(len(centers), np.nan)
         registered = rig.registered
         offset = np.asarray(similarity(centers[registered])) - world.true_centres[registered]
@@ -198,12 +193,9 @@ def score(world: World, outcome: RunOutcome) -> tuple[AlignedScore, ...]:
         scores.append(
             AlignedScore(
                 alignment=alignment,
-                moda=metrics.moda,
-                precision=metrics.precision,
-                recall=metrics.recall,
-                position_error=followed.motp,
-                idf1=followed.idf1,
-                hota=hota(world.ground_truth, rows, outcome.frames).hota,
+                detection=detection_metrics(*compared),
+                tracking=tracking_metrics(*compared),
+                hota=hota(*compared).hota,
                 centre_error=error,
                 scale=float(similarity.scale),
             )
@@ -214,11 +206,11 @@ def score(world: World, outcome: RunOutcome) -> tuple[AlignedScore, ...]:
 def score_table(scores: tuple[AlignedScore, ...]) -> Table:
     """Scores side by side, one column per alignment."""
     lines: list[tuple[str, Callable[[AlignedScore], str]]] = [
-        ("MODA (0.5 m)", lambda s: f"{s.moda:.1f}"),
-        ("precision", lambda s: f"{s.precision:.1f}"),
-        ("recall", lambda s: f"{s.recall:.1f}"),
-        ("position error (m)", lambda s: f"{s.position_error:.2f}"),
-        ("IDF1 (1 m)", lambda s: f"{s.idf1:.1f}"),
+        ("MODA (0.5 m)", lambda s: f"{s.detection.moda:.1f}"),
+        ("precision", lambda s: f"{s.detection.precision:.1f}"),
+        ("recall", lambda s: f"{s.detection.recall:.1f}"),
+        ("position error (m)", lambda s: f"{s.tracking.motp:.2f}"),
+        ("IDF1 (1 m)", lambda s: f"{s.tracking.idf1:.1f}"),
         ("HOTA", lambda s: f"{s.hota:.1f}"),
         ("camera-center error, mean (m)", lambda s: f"{np.nanmean(s.centre_error):.2f}"),
         ("camera-center error, worst (m)", lambda s: f"{np.nanmax(s.centre_error):.2f}"),

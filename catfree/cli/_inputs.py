@@ -125,7 +125,8 @@ def network_file(path: Path) -> Path:
     """
     if os.path.exists(path):
         return path
-    from catfree.adapters.weights import WEIGHTS, fetch_weights
+    from catfree.adapters.weights._fetch_weights import fetch_weights
+    from catfree.adapters.weights._weights_table import WEIGHTS
 
     return fetch_weights(str(path), download=False) if str(path) in WEIGHTS else path
 
@@ -188,7 +189,7 @@ def open_scene(
     Raises:
         CatFreeError: if there is no calibration, or a unit without one.
     """
-    from catfree.adapters.datasets import read_scene
+    from catfree.adapters.datasets._scene_files import read_scene
 
     if path is None:
         if unit != "m":

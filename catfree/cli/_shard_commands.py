@@ -211,7 +211,7 @@ def _scene_for(
 
 def _missing_pictures(path: Path, scene: Any, names: tuple[str, ...] | None) -> Any:
     """Read which pictures do not exist, by the names that the scene gives its cameras."""
-    from catfree.adapters.datasets import read_missing_pictures
+    from catfree.adapters.datasets._detection_files import read_missing_pictures
     from catfree.adapters.files._camera_names import plain_numbers
 
     return read_missing_pictures(path, names or plain_numbers(scene.rig.camera_count))

@@ -41,7 +41,7 @@ def weights(
 
 
 def _get(names: tuple[str, ...]) -> None:
-    from catfree.adapters.weights import fetch_weights
+    from catfree.adapters.weights._fetch_weights import fetch_weights
 
     if not names:
         raise InvalidInputError("Name the weights to download; `catfree weights list` lists them.")
@@ -52,8 +52,8 @@ def _get(names: tuple[str, ...]) -> None:
 
 
 def _list() -> None:
-    from catfree.adapters.weights import WEIGHTS
     from catfree.adapters.weights._fetch_weights import is_fetched, weights_folder
+    from catfree.adapters.weights._weights_table import WEIGHTS
     from catfree.viz.page._blocks import Table
 
     rows = tuple(

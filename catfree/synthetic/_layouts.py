@@ -132,9 +132,8 @@ def multiviewx_like(seed: int = 0) -> Layout:
     Source: extent, number of cameras and frame rate of MultiviewX (Hou et al. 2020).
     """
     rng = np.random.default_rng([seed, 16])
-    return _around(
-        "multiviewx", rng, (-8.0, 8.0, -12.5, 12.5), 6, height=(2.0, 3.0), fps=2.0, people=37
-    )
+    area = (-8.0, 8.0, -12.5, 12.5)
+    return _around("multiviewx", rng, area, 6, height=(2.0, 3.0), people=37)
 
 
 def gmvd_like(seed: int = 0, *, cameras: int = 6) -> Layout:
@@ -151,7 +150,7 @@ def gmvd_like(seed: int = 0, *, cameras: int = 6) -> Layout:
     """
     rng = np.random.default_rng([seed, 5, cameras])
     area = (-10.0, 10.0, -12.0, 12.0)
-    return _around(f"gmvd{cameras}", rng, area, cameras, height=(4.0, 6.0), fps=2.0, people=33)
+    return _around(f"gmvd{cameras}", rng, area, cameras, height=(4.0, 6.0), people=33)
 
 
 def shop(seed: int = 0, *, fisheye: bool = True) -> Layout:
@@ -260,10 +259,9 @@ def _around(
     cameras: int,
     *,
     height: tuple[float, float],
-    fps: float | int,
     people: int,
 ) -> Layout:
-    """Place cameras evenly along a rectangle 0.5 to 2.5 m outside the area."""
+    """Place cameras evenly along a rectangle 0.5 to 2.5 m outside the area, at 2 fps."""
     middle, half = middle_and_half(area)
     bearing = 2 * np.pi * (np.arange(cameras) + rng.uniform(-0.25, 0.25, cameras)) / cameras
     direction = np.stack([np.cos(bearing), np.sin(bearing)], -1)
@@ -272,7 +270,7 @@ def _around(
     aim = middle + rng.normal(0, 0.12, (cameras, 2)) * half
     center = np.column_stack([ground, rng.uniform(*height, cameras)])
     rig = _aimed_rig(rng, center, aim, (1920, 1080), 1920 * draw_focals(rng, cameras))
-    return Layout(name, rig, area, fps, people)
+    return Layout(name, rig, area, 2.0, people)
 
 
 def _aimed_rig(

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt64
+from jaxtyping import Bool, Float, Int
 
 from catfree.geometry.camera import pixels_of_points
 from catfree.synthetic._walkers import Walkers
@@ -30,7 +30,7 @@ _TOE, _HEEL = 0.105, -0.045  # ahead of the ankle
 STRIDE_SHARE, LIFT, HEEL_RISE = 0.165, 0.035, 0.045
 FREE_SPEED = 1.3  # m/s, above which legs swing fully
 
-# Visibility is sampled on 16 rows x 4 columns of each box: one bit per sample.
+# Visibility is sampled on rows and columns of each box.
 ROWS, COLUMNS = 16, 4
 _HALF_WIDTH = np.interp(np.arange(ROWS) + 0.5, [0, 2, 3, 8, 16], [0.3, 0.35, 0.9, 0.85, 0.6])
 
@@ -179,31 +179,31 @@ def _observe_one(
     rows = np.flatnonzero(in_image)
     rows = rows[np.lexsort((distance[rows], frame[rows]))]
     frame, person, box, distance = frame[rows], person[rows], box[rows], distance[rows]
-    inside = _inside_bits(box, width, height)
+    inside = _inside(box, width, height)
     hidden, hidden_by = _hidden_by_people(frame, person, box)
     column_pixel, column_depth = project_points(rig, camera, fixed)
     for corner, near in zip(column_pixel, column_depth, strict=True):
         if near.min() > NEAREST:
             outline = np.concatenate([corner.min(0), corner.max(0)])
-            bits = _covered_bits(box, np.broadcast_to(outline, box.shape), straight=True)
-            hidden |= np.where(near.mean() < distance, bits, np.uint64(0))
+            covered = _covered(box, np.broadcast_to(outline, box.shape), straight=True)
+            hidden |= covered & (near.mean() < distance)[:, None, None]
     return Silhouettes(
         camera=np.full(len(frame), camera),
         frame=frame,
         person=person,
         box=box,
         distance=distance,
-        visible=_row_shares(inside & ~hidden),
+        visible=(inside & ~hidden).mean(-1),
         hidden_by=hidden_by,
     )
 
 
 def _hidden_by_people(
     frame: np.ndarray, person: np.ndarray, box: np.ndarray
-) -> tuple[UInt64[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+) -> tuple[Bool[np.ndarray, "m row column"], Int[np.ndarray, " m"]]:
     """Samples hidden by nearer bodies of the same frame; rows sorted by frame, then distance."""
     count = len(frame)
-    hidden = np.zeros(count, np.uint64)
+    hidden = np.zeros((count, ROWS, COLUMNS), bool)
     hidden_by = np.full(count, -1)
     most = np.zeros(count, int)
     per_frame = int(np.bincount(frame).max()) if count else 0
@@ -215,9 +215,9 @@ def _hidden_by_people(
             (a[:, 0] < b[:, 2]) & (b[:, 0] < a[:, 2]) & (a[:, 1] < b[:, 3]) & (b[:, 1] < a[:, 3])
         )
         back = back[meets]
-        bits = _covered_bits(box[back], box[back - k])
-        hidden[back] |= bits
-        amount = np.bitwise_count(bits).astype(int)
+        covered = _covered(box[back], box[back - k])
+        hidden[back] |= covered
+        amount = covered.sum((1, 2))
         more = amount > most[back]
         most[back[more]] = amount[more]
         hidden_by[back[more]] = person[back[more] - k]
@@ -233,20 +233,14 @@ def _samples(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def _pack(mask: Bool[np.ndarray, "m row column"]) -> UInt64[np.ndarray, " m"]:
-    flat = np.packbits(mask.reshape(len(mask), ROWS * COLUMNS), axis=1, bitorder="little")
-    return flat.view(np.uint64)[:, 0]
-
-
-def _inside_bits(box: np.ndarray, width: int, height: int) -> UInt64[np.ndarray, " m"]:
+def _inside(box: np.ndarray, width: int, height: int) -> Bool[np.ndarray, "m row column"]:
     x, y = _samples(box)
-    inside_rows = ((y >= 0) & (y <= height - 1))[..., None]
-    return _pack((x >= 0) & (x <= width - 1) & inside_rows)
+    return (x >= 0) & (x <= width - 1) & ((y >= 0) & (y <= height - 1))[..., None]
 
 
-def _covered_bits(
+def _covered(
     box: np.ndarray, cover: np.ndarray, *, straight: bool = False
-) -> UInt64[np.ndarray, " m"]:
+) -> Bool[np.ndarray, "m row column"]:
     """Samples of each body inside the outline of the object in front of it."""
     x, y = _samples(box)
     up = (y - cover[:, 1:2]) / (cover[:, 3:] - cover[:, 1:2])
@@ -254,13 +248,7 @@ def _covered_bits(
     width_share = np.ones_like(up) if straight else _HALF_WIDTH[row]
     half = width_share * (cover[:, 2:3] - cover[:, :1]) / 2
     middle = (cover[:, 0] + cover[:, 2])[:, None, None] / 2
-    within = (np.abs(x - middle) <= half[..., None]) & ((up >= 0) & (up <= 1))[..., None]
-    return _pack(within)
-
-
-def _row_shares(bits: UInt64[np.ndarray, " m"]) -> Float[np.ndarray, "m row"]:
-    flat = np.unpackbits(bits[:, None].view(np.uint8), axis=1, bitorder="little")
-    return flat.reshape(-1, ROWS, COLUMNS).mean(-1)
+    return (np.abs(x - middle) <= half[..., None]) & ((up >= 0) & (up <= 1))[..., None]
 
 
 def _column_points(columns: np.ndarray) -> Float[np.ndarray, "k 16 3"]:

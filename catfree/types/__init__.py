@@ -6,12 +6,11 @@ from catfree.types._detections import Detections as Detections
 from catfree.types._georeference import GeoReference as GeoReference
 from catfree.types._rig import Lens as Lens, Rig as Rig
 from catfree.types._scene import Plane as Plane, Rays as Rays, Scene as Scene
-from catfree.types.results import (
+from catfree.types.results._localization import (
     Candidates as Candidates,
     Fate as Fate,
     Localization as Localization,
-    Origin as Origin,
     Reliability as Reliability,
     Thresholds as Thresholds,
-    Tracks as Tracks,
 )
+from catfree.types.results._tracks import Origin as Origin, Tracks as Tracks

@@ -111,16 +111,16 @@ def load_record(path: str | os.PathLike[str], kind: type[Any]) -> dict[str, np.n
         InvalidInputError: as `load_arrays`.
         FileFormatError: as `load_arrays`.
     """
-    optional = optional_arguments(kind)
-    required = [name for name in kind.__annotations__ if name not in optional]
+    required, optional = arguments_of(kind)
     return load_arrays(path, kind.__name__, required=required, optional=optional)
 
 
 @functools.cache
-def optional_arguments(kind: type[Any]) -> frozenset[str]:
-    """Constructor arguments with a default: fields that files of earlier versions may lack."""
-    parameters = inspect.signature(kind.__init__).parameters.values()
-    return frozenset(p.name for p in parameters if p.default is not inspect.Parameter.empty)
+def arguments_of(kind: type[Any]) -> tuple[list[str], list[str]]:
+    """Arguments of a constructor without and with a default, which earlier files may lack."""
+    parameters = list(inspect.signature(kind.__init__).parameters.values())[1:]  # without self
+    required = [p.name for p in parameters if p.default is p.empty]
+    return required, [p.name for p in parameters if p.name not in required]
 
 
 def read_archive(

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.errors import InvalidInputError, quoted
 from catfree.types._annotations import HostOrDevice
-from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._archive import load_record, naming_file, save_arrays
 from catfree.types._sampling import select_rows
 from catfree.types._validation import (
     as_float,
@@ -27,9 +27,6 @@ from catfree.types._validation import (
     require_finite,
     require_shape,
 )
-
-# Names in a saved rig: the required ones, and those that may be None.
-RIG_FIELDS = (("K", "R", "t", "image_size", "registered"), ("distortion", "lens", "rays"))
 
 ROTATION_TOLERANCE = 1e-3  # calibration files often print rotations with few digits
 UNIT_TOLERANCE = 1e-3  # of the length of a ray
@@ -200,8 +197,7 @@ class Rig(eqx.Module):
             InvalidInputError: if there is no such file, or a camera in it is invalid.
             FileFormatError: if the file holds something else.
         """
-        required, optional = RIG_FIELDS
-        arrays = load_arrays(path, "Rig", required=required, optional=optional)
+        arrays = load_record(path, cls)
         with naming_file(path):
             return cls(**arrays)
 

@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from catfree.errors import InvalidInputError
 from catfree.types._annotations import HostOrDevice
-from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._archive import arguments_of, load_arrays, naming_file, save_arrays
 from catfree.types._georeference import GeoReference
-from catfree.types._rig import RIG_FIELDS, Rig
+from catfree.types._rig import Rig
 from catfree.types._validation import (
     as_boolean,
     as_float,
@@ -203,8 +203,8 @@ class Scene(eqx.Module):
             InvalidInputError: if there is no such file, or a value in it is invalid.
             FileFormatError: if the file holds something else.
         """
-        always, optional = ([f"rig_{name}" for name in names] for names in RIG_FIELDS)
-        required = [*always, "normal", "offset", "extent", "metric"]
+        required, optional = ([f"rig_{name}" for name in names] for names in arguments_of(Rig))
+        required += ["normal", "offset", "extent", "metric"]
         optional += ["georeference", "deviation"]
         arrays = load_arrays(path, "Scene", required=required, optional=optional)
         of_rig = {k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")}

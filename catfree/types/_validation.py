@@ -569,7 +569,8 @@ def require_declared_types(kind: type, values: Mapping[str, Any]) -> None:
             if field.name not in values:
                 continue
             item, options = values[field.name], options_of(hints[field.name])
-            arrays = tuple(o for o in options if _is_array_type(o))
+            types_only = (o for o in options if isinstance(o, type))
+            arrays = tuple(o for o in types_only if issubclass(o, AbstractArray))
             if item is None and types.NoneType in options:
                 continue
             if arrays and not isinstance(item, arrays):
@@ -581,7 +582,3 @@ def require_declared_types(kind: type, values: Mapping[str, Any]) -> None:
             plain = tuple(o for o in options if o in (bool, int, float, str))
             if plain and not isinstance(item, (*plain, int) if float in plain else plain):
                 raise InvalidInputError(f"{field.name} is {quoted(item)}, not {plain[0].__name__}.")
-
-
-def _is_array_type(option: Any) -> bool:
-    return isinstance(option, type) and issubclass(option, AbstractArray)

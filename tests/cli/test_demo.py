@@ -54,10 +54,10 @@ def answer(world, scale=1.0, registered=None):
 @pytest.mark.slow
 def test_the_truth_scores_full_marks_in_any_frame(world):
     for result in score(world, answer(world)):
-        assert result.moda == pytest.approx(100)
-        assert result.idf1 == pytest.approx(100)
+        assert result.detection.moda == pytest.approx(100)
+        assert result.tracking.idf1 == pytest.approx(100)
         assert result.hota == pytest.approx(100)
-        assert result.position_error == pytest.approx(0, abs=1e-4)
+        assert result.tracking.motp == pytest.approx(0, abs=1e-4)
         np.testing.assert_allclose(result.centre_error, 0, atol=1e-4)
         assert result.scale == pytest.approx(1, abs=1e-5)
 
@@ -65,9 +65,9 @@ def test_the_truth_scores_full_marks_in_any_frame(world):
 @pytest.mark.slow
 def test_a_wrong_scale_counts_only_after_rigid_alignment(world):
     similar, rigid = score(world, answer(world, scale=1.2))
-    assert similar.moda == pytest.approx(100)
+    assert similar.detection.moda == pytest.approx(100)
     assert similar.scale == pytest.approx(1 / 1.2, rel=1e-5)
-    assert rigid.moda < 50
+    assert rigid.detection.moda < 50
     assert rigid.scale == 1
     assert np.nanmin(rigid.centre_error) > 0.5
 
@@ -77,7 +77,7 @@ def test_a_lost_camera_is_told_and_left_out_of_the_alignment(world):
     known = np.array([True, True, False, True])
     outcome = answer(world, registered=known)
     for result in score(world, outcome):
-        assert result.moda == pytest.approx(100)
+        assert result.detection.moda == pytest.approx(100)
         np.testing.assert_array_equal(np.isfinite(result.centre_error), known)
     table = score_table(score(world, outcome))
     assert ("cameras registered", "3 of 4", "3 of 4") in table.rows
@@ -122,7 +122,7 @@ def test_the_pipeline_gets_the_files_and_nothing_else(tmp_path, monkeypatch):
     ((videos, options),) = given
     assert set(options) == {"settings", "progress", "workers"}
     assert list(videos) == sorted((tmp_path / "videos").glob("*.mp4"))
-    assert scores[0].moda == pytest.approx(100)
+    assert scores[0].detection.moda == pytest.approx(100)
     report = (tmp_path / "report.md").read_text()
     assert "Score against the truth" in report
     assert "| MODA (0.5 m) | 100.0 | 100.0 |" in report

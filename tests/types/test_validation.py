@@ -312,6 +312,7 @@ readers = {
     if name.startswith("read_")
 }
 readers |= {
+    "read_missing_pictures": lambda path: adapters.read_missing_pictures(path, ["a"]),
     "Scene.load": cf.Scene.load,
     "Detections.load": cf.Detections.load,
     "SynchronizedVideos": lambda path: SynchronizedVideos([path]),

@@ -6,7 +6,7 @@ import os
 import pickle
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import cached_property
@@ -15,7 +15,14 @@ from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
 from catfree._run._cache import StageCache, code_hash
-from catfree._worker import from_parent, inherited, start_worker, worker_environment
+from catfree._worker import (
+    SPAWN,
+    as_they_end,
+    from_parent,
+    inherited,
+    start_worker,
+    worker_environment,
+)
 from catfree.adapters.background._background_detector import (
     BackgroundDetector,
     FittedBackgroundDetector,
@@ -36,7 +43,6 @@ Instant = tuple[int, dict[int, T]]
 InstantWork = Callable[[Mapping[int, Detector], int, Mapping[int, Image]], dict[int, T]]
 
 CHUNK = 5  # instants per answer of a process
-POLL = 0.1  # seconds between two looks for reports
 AHEAD = 2  # chunks that each process may be ahead, so that it never waits
 
 
@@ -137,7 +143,7 @@ class CameraDetectors:
         if self._workers == 1 or not isinstance(detector, FittedToCamera):
             return fit_to_cameras(videos, detector, progress, known=known, learned=learned)
         total = sum(one.pictures for at, one in enumerate(videos.footage) if at not in known)
-        done, fitted = 0, dict(known)
+        fitted = dict(known)
         with self._running() as processes:
             tasks: dict[Future[Detector], int] = {
                 processes[camera % self._workers].submit(
@@ -145,17 +151,13 @@ class CameraDetectors:
                 ): camera
                 for camera in range(videos.camera_count)
             }
-            pending = set(tasks)
-            while pending:
-                finished, pending = wait(pending, POLL, FIRST_COMPLETED)
-                while not self._reports.empty():
-                    done += self._reports.get()
-                    progress("fit", done, total)
-                for task in finished:
-                    camera = tasks[task]
-                    if camera not in known:
-                        fitted[camera] = _remembering(task.result())
-                        learned(camera, fitted[camera])
+            for task in as_they_end(
+                tasks, self._reports, lambda done: progress("fit", done, total)
+            ):
+                camera = tasks[task]
+                if camera not in known:
+                    fitted[camera] = _remembering(task.result())
+                    learned(camera, fitted[camera])
         return [fitted[camera] for camera in range(videos.camera_count)]
 
     def instants(
@@ -252,18 +254,11 @@ class CameraDetectors:
 
     def _start(self) -> None:
         environment = worker_environment()
-        # Neither JAX nor OpenCV survive a fork.
-        context = multiprocessing.get_context("spawn")
         try:
-            self._reports = context.SimpleQueue()
+            self._reports = SPAWN.SimpleQueue()
+            start = environment, self._reports
             self._processes = [
-                ProcessPoolExecutor(
-                    1,
-                    mp_context=context,
-                    initializer=start_worker,  # in a module that is imported at once
-                    initargs=(environment, self._reports),
-                )
-                for _ in range(self._workers)
+                ProcessPoolExecutor(1, SPAWN, start_worker, start) for _ in range(self._workers)
             ]
             with inherited(environment):  # a process starts with its first task
                 begun = [process.submit(os.getpid) for process in self._processes]

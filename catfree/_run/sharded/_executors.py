@@ -1,16 +1,9 @@
 """`run_shards`: run a plan on any executor, join each recording, and name what failed."""
 
 import contextlib
-import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from typing import Any
 
 from catfree._run.sharded._join import join_shards
@@ -18,11 +11,7 @@ from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._run_shard import run_shard
 from catfree._run.sharded._shard import Shard, recording_name
 from catfree._run.sharded._stored_tracks import StoredTracks
-from catfree._worker import (
-    inherited,
-    start_worker,
-    worker_environment,
-)
+from catfree._worker import spawned_pool
 from catfree.adapters.files._documents import StrPath
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError, quoted
@@ -165,12 +154,8 @@ def executor_for(executor: Any) -> Iterator[Executor]:
         )
 
 
-@contextlib.contextmanager
-def spawned_workers(count: int | None = None) -> Iterator[Executor]:
-    """Yield an executor whose processes are spawned, as tasks need them.
-
-    Until it is shut down, the environment of this process holds that of `worker_environment`
-    without the variables of JAX; other processes started meanwhile inherit it.
+def spawned_workers(count: int | None = None) -> contextlib.AbstractContextManager[Executor]:
+    """Open an executor of spawned processes; see `spawned_pool`.
 
     Args:
         count: most processes; None for as many as processors and memory allow.
@@ -178,21 +163,7 @@ def spawned_workers(count: int | None = None) -> Iterator[Executor]:
     Raises:
         InvalidInputError: if the count is less than 1.
     """
-    most = default_workers() if count is None else as_count(count, "workers", least=1)
-    # Not fork, with which JAX deadlocks.
-    context = multiprocessing.get_context("spawn")
-    environment = worker_environment()
-    with (
-        inherited(environment),
-        ProcessPoolExecutor(
-            most, mp_context=context, initializer=start_worker, initargs=(environment,)
-        ) as pool,
-    ):
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    return spawned_pool(default_workers() if count is None else as_count(count, "workers", least=1))
 
 
 def require_not_forking(executor: Executor) -> None:

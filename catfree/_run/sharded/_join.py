@@ -41,7 +41,7 @@ from catfree.adapters.tables._parquet import open_dataset, read_parquet, write_p
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.methods.evidence.report._working_area import usual_place
 from catfree.types import Tracks
-from catfree.types.results import symmetric
+from catfree.types.results._arrow_table import symmetric
 
 # From the columns `PLACES` to whether each position is in the working area.
 Area = Callable[[Float[np.ndarray, " m"], Float[np.ndarray, " m"]], Bool[np.ndarray, " m"]]

@@ -33,15 +33,14 @@ from catfree.adapters.calibration_files._rig_json import (
     read_scene_json,
     write_scene_json,
 )
-from catfree.adapters.datasets import read_missing_pictures, read_scene
-from catfree.adapters.datasets._detection_files import CameraBoxes
-from catfree.adapters.datasets._scene_files import METERS, Unit
+from catfree.adapters.datasets._detection_files import CameraBoxes, read_missing_pictures
+from catfree.adapters.datasets._scene_files import METERS, Unit, read_scene
 from catfree.adapters.files._camera_names import names_of_files, numbered_names, plain_numbers
 from catfree.adapters.files._documents import StrPath
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.files._toml import read_toml
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
-from catfree.adapters.video import detect_videos
+from catfree.adapters.video._detect_videos import detect_videos
 from catfree.calibration import read_anchors
 from catfree.calibration.people import Anchor
 from catfree.calibration.people._register import camera_sizes

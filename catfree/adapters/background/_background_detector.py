@@ -80,7 +80,7 @@ class BackgroundDetector:
             raise InvalidInputError(f"confidence must lie in [0, 1], got {confidence}.")
         self._confidence = float(confidence)
         self._samples = PictureSamples()
-        self._picture_count, self._count_when_fitted = 0, 0
+        self._count_when_fitted = 0
         self._fitted: FittedBackgroundDetector | None = None
 
     @property
@@ -112,13 +112,12 @@ class BackgroundDetector:
         picture = as_image(image)
         factor = reduction_factor(picture)
         self._samples.add(reduce_picture(picture, factor))
-        self._picture_count += 1
         # Fit again each time the footage has doubled, later each time the sample is renewed.
         due_at = self._count_when_fitted + min(self._count_when_fitted, MAXIMUM_SAMPLES)
-        if self._picture_count >= max(due_at, MINIMUM_SAMPLES):
+        if self._samples.seen >= max(due_at, MINIMUM_SAMPLES):
             # A live picture comes only once, so its foreground is not kept.
             self._fitted = replace(self._learn(self._samples, factor), memory=None)
-            self._count_when_fitted = self._picture_count
+            self._count_when_fitted = self._samples.seen
         if self._fitted is None:
             return FrameDetections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32))
         return self._fitted(picture)
@@ -189,7 +188,7 @@ class FittedBackgroundDetector:
         return FrameDetections(box[order].astype(np.float32), people[order, 4].astype(np.float32))
 
     def find_people(
-        self, foreground: Foreground, expected: Sequence[Expected] = ()
+        self, foreground: Foreground, expected: Sequence[Expected]
     ) -> Float[np.ndarray, "n 5"]:
         """Find (n, 5) x1, y1, x2, y2 and score of people in a foreground, in reduced pixels."""
         blobs = Blobs.find(foreground.mask, LEAST_AREA)

@@ -55,7 +55,7 @@ class PictureSamples:
     def __init__(self) -> None:
         """Start empty."""
         self.pictures: list[Image] = []
-        self._stride, self._count = 1, 0
+        self._stride, self.seen = 1, 0
 
     def add(self, picture: Image) -> None:
         """Take the next picture of the stream; whether it is kept depends only on its number.
@@ -65,15 +65,15 @@ class PictureSamples:
         """
         if self.pictures and picture.shape != self.pictures[0].shape:
             raise InvalidInputError(
-                f"Picture {self._count} has another size than the first. A background belongs to "
+                f"Picture {self.seen} has another size than the first. A background belongs to "
                 "one camera: use one detector per camera."
             )
-        if self._count % self._stride == 0:
+        if self.seen % self._stride == 0:
             self.pictures.append(picture)
             if len(self.pictures) > MAXIMUM_SAMPLES:
                 self.pictures = self.pictures[::2]
                 self._stride *= 2
-        self._count += 1
+        self.seen += 1
 
 
 @dataclass(frozen=True)

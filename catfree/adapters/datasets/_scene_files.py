@@ -8,17 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from catfree.adapters.calibration_files import (
-    NamedRig,
-    read_ai_city,
-    read_anipose_toml,
-    read_colmap,
-    read_mv3dt,
-    read_opencv_yaml,
-    read_rig_json,
-    read_scene_json,
-)
-from catfree.adapters.calibration_files._projection_matrices import PROJECTION
+from catfree.adapters.calibration_files._ai_city import read_ai_city
+from catfree.adapters.calibration_files._anipose_toml import read_anipose_toml
+from catfree.adapters.calibration_files._named_rig import NamedRig
+from catfree.adapters.calibration_files._opencv_yaml import read_opencv_yaml
+from catfree.adapters.calibration_files._projection_matrices import PROJECTION, read_mv3dt
+from catfree.adapters.calibration_files._rig_json import read_rig_json, read_scene_json
+from catfree.adapters.calibration_files.colmap._colmap import read_colmap
 from catfree.adapters.datasets._multiviewx import read_multiviewx
 from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.datasets._wildtrack import read_wildtrack
@@ -154,18 +150,13 @@ def _inside(source: Path) -> Path:
     if len(anipose) == 1:
         return anipose[0]
     sensors = source / "calibration.json"
-    if sensors.is_file() and _holds(sensors, "sensors"):
+    if sensors.is_file() and '"sensors"' in read_text(sensors, "calibration"):
         return sensors
     return source / "camInfo" if (source / "camInfo").is_dir() else source
 
 
 def _is_model(folder: Path) -> bool:
     return any((folder / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt"))
-
-
-def _holds(path: Path, key: str) -> bool:
-    document = read_json(path, "calibration")
-    return isinstance(document, dict) and key in document
 
 
 def _read(

@@ -144,13 +144,9 @@ def file_names(names: Sequence[str]) -> list[str]:
         (C,) the names with `_` in place of folder separators, cut to the length that file systems
         allow, and made distinct by `distinct_names`.
     """
-    plain = ("".join("_" if c in "/\\:\0" else c for c in name) for name in names)
-    return distinct_names([_fitting(name.lstrip(".")) for name in plain])
-
-
-def _fitting(name: str) -> str:
-    """Cut a name so that file systems have room for suffix and number."""
-    return name.encode("utf-8", "replace")[:LONGEST].decode("utf-8", "ignore")
+    plain = ("".join("_" if c in "/\\:\0" else c for c in name).lstrip(".") for name in names)
+    encoded = (name.encode("utf-8", "replace") for name in plain)
+    return distinct_names([name[:LONGEST].decode("utf-8", "ignore") for name in encoded])
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:

@@ -12,7 +12,7 @@ from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
 from catfree.types._validation import as_float, as_integer, as_path
-from catfree.types.results import require_pyarrow
+from catfree.types.results._arrow_table import require_pyarrow
 
 if TYPE_CHECKING:
     import pyarrow

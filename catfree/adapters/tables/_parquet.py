@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from catfree.adapters.files._documents import StrPath, require_file
 from catfree.errors import FileFormatError, quoted
 from catfree.types._writing import replacing
-from catfree.types.results import require_pyarrow
+from catfree.types.results._arrow_table import require_pyarrow
 
 if TYPE_CHECKING:
     import pyarrow

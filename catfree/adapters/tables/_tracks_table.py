@@ -19,7 +19,8 @@ from catfree.errors import FileFormatError, quoted
 from catfree.types import Clock, Origin, Plane, Tracks
 from catfree.types._clock import ABSOLUTE
 from catfree.types._validation import require_instance
-from catfree.types.results import require_sound_tracks, symmetric
+from catfree.types.results._arrow_table import symmetric
+from catfree.types.results._tracks import require_sound_tracks
 
 _COLUMNS = (
     "frame",

@@ -39,8 +39,6 @@ def detect_videos(
     detector: Detector | FittedToCamera,
     embedder: Embedder | None = None,
     progress: Progress | None = None,
-    *,
-    fitted: Sequence[Detector] | None = None,
 ) -> Detections:
     """Detect the people in all pictures of all cameras.
 
@@ -54,7 +52,6 @@ def detect_videos(
         embedder: describes what they look like, or None for no embeddings.
         progress: called as progress(stage, done, total) after each instant; stages are "fit" and
             "detect".
-        fitted: the result of an earlier `fit_to_cameras`, or None to fit here.
 
     Returns:
         One row per detected person, sorted by frame and camera, on the videos' clock; keypoints and
@@ -69,7 +66,7 @@ def detect_videos(
             decoded.
     """
     report = progress or no_progress
-    detectors = fit_to_cameras(videos, detector, report) if fitted is None else fitted
+    detectors = fit_to_cameras(videos, detector, report)
     describe = None if embedder is None else Describer(embedder)
 
     def instants() -> Iterator[tuple[int, dict[int, Seen]]]:

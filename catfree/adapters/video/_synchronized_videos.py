@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Int
 
 from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._fingerprint import hash_parameters
@@ -37,11 +37,6 @@ from catfree.types import Clock
 from catfree.types._processes import processor_count
 from catfree.types._validation import as_count, as_integer, as_path
 
-# Instants that are compared with the times of frames at once.
-_BLOCK = 1 << 16
-
-Ticks = range | Int[np.ndarray, " t"]
-
 
 @dataclass(frozen=True)
 class CameraFootage:
@@ -57,6 +52,7 @@ class CameraFootage:
         available: the ticks that this camera alone would deliver if it had dropped none.
         dropped: instants between its first and last frame near which it has none.
         pictures: delivered instants that it shows.
+        timeless: whether the times of its frames are assumed, because nothing states them.
     """
 
     name: str
@@ -68,6 +64,7 @@ class CameraFootage:
     available: range
     dropped: int
     pictures: int
+    timeless: bool
 
 
 class SynchronizedVideos:
@@ -159,8 +156,14 @@ class SynchronizedVideos:
             self._sources = list(pool.map(_open_camera, range(len(paths)), paths))
         self._offsets, self._keep, self._fewest = shifts, on_error == "keep", fewest
         self.camera_names: list[str] = names_of_files([s.path for s in self._sources])
-        self._rate = self._common_rate(frame_rate)
-        self._start, self._utc = self._common_start()
+        named = zip(self.camera_names, self._sources, strict=True)
+        rates = {name: source.fps for name, source in named if source.fps is not None}
+        self._rate = common_rate(rates, frame_rate)
+        timed = [source.times for source in self._sources]
+        starts = [np.zeros(1) if times is None else times for times in timed]
+        self._start, self._utc = common_start(starts, self.camera_names)
+        if any(times is None for times in timed):
+            self._start = 0.0  # frames without times of their own count from the first one
         self._origins = self._origins_of_ticks(offsets is not None)
         for camera, (offset, source) in enumerate(zip(shifts, self._sources, strict=True)):
             if offset >= source.frame_count and self._span(camera)[1] < 0:
@@ -170,7 +173,7 @@ class SynchronizedVideos:
                     "offsets."
                 )
         self._limits, self._stride = (start, end), stride
-        self._ticks, self._dropped = self._complete(self._shared_ticks(start, end, stride))
+        self._take(self._shared_ticks(start, end, stride))
         self.interruption: CatFreeError | None = None
         self.whole = len(self._ticks)
 
@@ -207,17 +210,12 @@ class SynchronizedVideos:
     @property
     def frames(self) -> Int[np.ndarray, " t"]:
         """(T,) frame index (tick) of each instant."""
-        return np.array(self._ticks, np.int64)
+        return self._ticks.copy()
 
     @property
     def fps(self) -> float | None:
         """Instants per second, or None for image folders without a `frame_rate`."""
         return None if self._rate is None else self._rate / self._stride
-
-    @property
-    def tick_rate(self) -> float | None:
-        """Ticks (frame indices) per second, or None for image folders without a `frame_rate`."""
-        return self._rate
 
     @property
     def clock(self) -> Clock | None:
@@ -235,19 +233,9 @@ class SynchronizedVideos:
         )
 
     @property
-    def timeless(self) -> tuple[bool, ...]:
-        """(C,) true if a camera's frame times are assumed, because nothing states them."""
-        return tuple(source.timeless for source in self._sources)
-
-    @functools.cached_property
     def silent(self) -> Int[np.ndarray, "k 2"]:
         """(K, 2) frame and camera of each picture that does not exist, as `localize` takes them."""
-        rows = [np.zeros((0, 2), np.int64)]
-        for first in range(0, self.frame_count, _BLOCK):
-            tick = np.array(self._ticks[first : first + _BLOCK], np.int64)
-            at, camera = np.nonzero(~self._has_frame(tick))
-            rows.append(np.column_stack([tick[at], camera]))
-        return np.concatenate(rows)
+        return self._silent
 
     @property
     def image_size(self) -> Int[np.ndarray, "cam 2"]:
@@ -278,7 +266,7 @@ class SynchronizedVideos:
     def footage(self) -> tuple[CameraFootage, ...]:
         """(C,) footage of each camera, whether it is used or not."""
         start, end = self._limits
-        lacking = np.bincount(self.silent[:, 1], minlength=self.camera_count).tolist()
+        lacking = np.bincount(self._silent[:, 1], minlength=self.camera_count).tolist()
         footage = []
         for camera, source in enumerate(self._sources):
             first, last = self._span(camera)
@@ -295,6 +283,7 @@ class SynchronizedVideos:
                     range(begin, max(begin, stop), self._stride),
                     self._dropped[camera],
                     self.frame_count - lacking[camera],
+                    source.timeless,
                 )
             )
         return tuple(footage)
@@ -314,7 +303,7 @@ class SynchronizedVideos:
             round(ticks * self._frames_per_tick(camera))
             for camera, ticks in enumerate(frame_offset)
         ]
-        corrected = self._copy()
+        corrected = copy.copy(self)
         corrected._offsets = [o + shift for o, shift in zip(self._offsets, shifts, strict=True)]
         if self._rate is not None:
             late = [ticks / self._rate for ticks in frame_offset]
@@ -333,7 +322,7 @@ class SynchronizedVideos:
         Raises:
             InsufficientDataError: if there are none.
         """
-        excerpt = self._copy()
+        excerpt = copy.copy(self)
         excerpt._limits = (start, end)
         if not excerpt._keep_ticks(start, end):
             raise InsufficientDataError(
@@ -402,11 +391,11 @@ class SynchronizedVideos:
 
             def read(done: int) -> dict[int, Image]:
                 tick = int(self._ticks[done])
-                (has,) = self._has_frame(np.array([tick]))
+                begin, stop = np.searchsorted(self._silent[:, 0], [tick, tick + 1])
                 return {
                     camera: self._read(camera, reader, tick, done)
                     for camera, reader in readers.items()
-                    if has[camera]
+                    if camera not in self._silent[begin:stop, 1]
                 }
 
             # The next instant is decoded while this one is looked at.
@@ -460,21 +449,6 @@ class SynchronizedVideos:
             )
         return image
 
-    def _common_rate(self, frame_rate: float | int | None) -> float | None:
-        rates = {
-            name: source.fps
-            for name, source in zip(self.camera_names, self._sources, strict=True)
-            if source.fps is not None
-        }
-        return common_rate(rates, frame_rate)
-
-    def _common_start(self) -> tuple[float, bool]:
-        """Seconds of the earliest frame, and whether they count from 1970."""
-        times = [np.zeros(1) if s.times is None else s.times for s in self._sources]
-        start, utc = common_start(times, self.camera_names)
-        # Frames without times of their own count from the first one.
-        return (0.0 if any(s.times is None for s in self._sources) else start), utc
-
     def _origins_of_ticks(self, given: bool) -> list[float]:
         """Return the time of tick 0 by each camera's times; `given` offsets overrule them."""
         if not given:
@@ -500,59 +474,43 @@ class SynchronizedVideos:
 
     def _keep_ticks(self, start: int, end: int) -> bool:
         """Leave out ticks before `start` or from `end` on; return whether any is left."""
-        ticks = np.asarray(self._ticks)
-        ticks = ticks[(ticks >= start) & (ticks < end)]
+        ticks = self._ticks[(self._ticks >= start) & (self._ticks < end)]
         if not len(ticks):
             return False
-        span = range(int(ticks[0]), int(ticks[-1]) + 1, self._stride)
-        self._ticks, self._dropped = self._complete(span)
+        self._take(range(int(ticks[0]), int(ticks[-1]) + 1, self._stride))
         return True
 
-    def _complete(self, span: range) -> tuple[Ticks, tuple[int, ...]]:
-        """Leave out ticks that too few cameras have, and count those that each camera dropped."""
-        enough = np.zeros(len(span), bool)
-        dropped = np.zeros(self.camera_count, np.int64)
-        first, last = np.array([self._span(camera) for camera in range(self.camera_count)]).T
-        for begun in range(0, len(span), _BLOCK):
-            tick = np.array(span[begun : begun + _BLOCK], np.int64)
-            has = self._has_frame(tick)
-            enough[begun : begun + _BLOCK] = has.sum(1) >= self._fewest
-            inside = (tick[:, None] >= first) & (tick[:, None] <= last)
-            dropped += (inside & ~has).sum(0)
-        if enough.all():
-            return span, tuple(dropped.tolist())
-        if not enough.any():
-            camera = int(np.argmax(dropped))
-            raise InsufficientDataError(
-                f"No instant is in {self._enough} videos: camera "
-                f"{quoted(self.camera_names[camera])} has no frame near {dropped[camera]} of the "
-                f"{len(span)} ticks. Check the times of its frames."
-            )
-        return np.array(span, np.int64)[enough], tuple(dropped.tolist())
-
-    def _has_frame(self, tick: Int[np.ndarray, " t"]) -> Bool[np.ndarray, "t cam"]:
-        """Return whether each camera has a frame at each of some ticks."""
-        has = np.ones((len(tick), self.camera_count), bool)
+    def _take(self, span: range) -> None:
+        """Take the ticks that enough cameras have, and count those that each camera dropped."""
+        tick, columns = np.array(span, np.int64), []
+        self._dropped: list[int] = []
         for camera, source in enumerate(self._sources):
             first, last = self._span(camera)
-            has[:, camera] = (tick >= first) & (tick <= last)
+            inside = has = (tick >= first) & (tick <= last)
             if source.times is not None:
                 seconds = self._origins[camera] + tick / (self._rate or 1.0)
                 away = source.times[nearest_frame(source.times, seconds)] - seconds
-                has[:, camera] &= np.abs(away) * (self._rate or 1.0) <= REACH
-        return has
+                has = inside & (np.abs(away) * (self._rate or 1.0) <= REACH)
+            columns.append(has)
+            self._dropped.append(int((inside & ~has).sum()))
+        has_frame = np.stack(columns, axis=-1)
+        enough = has_frame.sum(1) >= self._fewest
+        if not enough.any():
+            camera = int(np.argmax(self._dropped))
+            raise InsufficientDataError(
+                f"No instant is in {self._enough} videos: camera "
+                f"{quoted(self.camera_names[camera])} has no frame near {self._dropped[camera]} of "
+                f"the {len(span)} ticks. Check the times of its frames."
+            )
+        self._ticks = tick[enough]
+        at, camera = np.nonzero(~has_frame[enough])
+        self._silent = np.column_stack([self._ticks[at], camera])
 
     @property
     def _enough(self) -> str:
         """Number of cameras that an instant needs, in words for messages."""
         everyone = self._fewest == self.camera_count
         return f"all {self.camera_count}" if everyone else f"at least {self._fewest}"
-
-    def _copy(self) -> "SynchronizedVideos":
-        """A copy whose ticks may be changed."""
-        copied = copy.copy(self)
-        copied.__dict__.pop("silent", None)
-        return copied
 
     def _frames_per_tick(self, camera: int) -> float:
         fps = self._sources[camera].fps

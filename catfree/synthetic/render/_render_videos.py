@@ -5,10 +5,8 @@ shake, constant exposure and weather, little texture on clothes, a flat ground, 
 shadows of bodies only on the ground.
 """
 
-import multiprocessing
 import os
 from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from catfree._worker import from_parent, start_worker, worker_environment
+from catfree._worker import SPAWN, as_they_end, from_parent, spawned_pool
 from catfree.errors import CatFreeError, InvalidInputError
 from catfree.synthetic._layouts import ring
 from catfree.synthetic._walkers import Walkers
@@ -35,7 +33,6 @@ REPORT_EVERY = 5  # frames between two progress reports
 # A person who stands through most of the footage cannot be distinguished from the scene. Forty
 # seconds of footage are short, so pauses are, too.
 STANDING_TIME = 4.0  # seconds, mean
-POLL = 0.1  # seconds between two checks for reports
 
 
 def make_demo_world(
@@ -45,7 +42,6 @@ def make_demo_world(
     people: int = 14,
     frames: int = 200,
     image_size: tuple[int, int] = (1280, 720),
-    height: tuple[float, float] = (4.5, 5.0),
 ) -> World:
     """The world of the demo: a furnished 16 x 16 m square at 5 frames per second.
 
@@ -55,13 +51,12 @@ def make_demo_world(
         people: people on the square at a time; a third as many stay around it.
         frames: number of frames.
         image_size: width and height in pixels.
-        height: range of the cameras' heights in meters.
 
     Returns:
         A world for `render_videos`. Focal lengths and the mean body height differ from the values
         that a method may assume; people stand for only a few seconds.
     """
-    layout = ring(cameras, seed=seed, image_size=image_size, height=height, people=people)
+    layout = ring(cameras, seed=seed, image_size=image_size, people=people)
     columns = street_furniture(layout.area, seed, cameras=np.asarray(layout.rig.centers))
     return make_world(layout, seed, frames=frames, columns=columns, standing_time=STANDING_TIME)
 
@@ -129,36 +124,17 @@ def render_videos(
 def _render_in_processes(
     tasks: list[tuple[Any, ...]], workers: int, total: int, progress: Progress
 ) -> None:
-    context = multiprocessing.get_context("spawn")  # OpenCV's threads do not survive a fork
-    reports = context.SimpleQueue()
-    done = 0
-
-    def drain() -> None:
-        nonlocal done
-        while not reports.empty():
-            done += reports.get()
-            progress(STAGE_NAME, done, total)
-
+    reports = SPAWN.SimpleQueue()
     try:
-        with ProcessPoolExecutor(
-            workers, context, start_worker, initargs=(worker_environment(), reports)
-        ) as pool:
-            pending: set[Future[None]] = {pool.submit(_work, *task) for task in tasks}
-            try:
-                while pending:
-                    finished, pending = wait(pending, timeout=POLL)
-                    drain()
-                    for future in finished:
-                        future.result()
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        with spawned_pool(workers, reports) as pool:
+            begun = [pool.submit(_work, *task) for task in tasks]
+            for task in as_they_end(begun, reports, lambda done: progress(STAGE_NAME, done, total)):
+                task.result()
     except BrokenProcessPool as error:
         raise CatFreeError(
             "The rendering processes ended early. Call render_videos from under "
             "`if __name__ == '__main__':`, or with workers=1."
         ) from error
-    drain()
 
 
 _kept: dict[str, Any] = {}  # in worker processes: the common ground picture

@@ -13,6 +13,7 @@ PILLAR = (0.17, 4.0)
 ADVERTISING_COLUMN = (0.55, 2.7)
 PLANTER = (0.95, 0.75)
 BENCH = (0.85, 0.46)
+FURNITURE = (PILLAR, PILLAR, PILLAR, PLANTER, BENCH, ADVERTISING_COLUMN, PLANTER)
 
 PLAZA_MARGIN = 5.0  # meters of paving beyond the area
 LAWN_WIDTH = 3.0
@@ -96,8 +97,6 @@ def street_furniture(
     area: Area,
     seed: int = 0,
     *,
-    pillars: int = 3,
-    others: int = 4,
     cameras: Float[np.ndarray, "cam 3"] | None = None,
 ) -> Float[np.ndarray, "k 4"]:
     """Spread pillars, advertising columns, planters and benches over an area.
@@ -105,8 +104,6 @@ def street_furniture(
     Args:
         area: evaluation area (x_min, x_max, y_min, y_max) in meters.
         seed: determines all random draws.
-        pillars: number of pillars.
-        others: number of planters, benches and advertising columns, in turn.
         cameras: (C, 3) camera centers, from which tall objects keep 5 m or more away if there is
             room, or None.
 
@@ -115,12 +112,9 @@ def street_furniture(
         apart if there is room.
     """
     rng = np.random.default_rng([seed, 4])
-    kinds = [PILLAR] * pillars + [
-        (PLANTER, BENCH, ADVERTISING_COLUMN)[i % 3] for i in range(others)
-    ]
     middle, half = middle_and_half(area)
     placed: list[tuple[float, float, float, float]] = []
-    for radius, height in kinds:
+    for radius, height in FURNITURE:
         # Objects that block the view stand near the border, as in a real square.
         lowest = 0.0 if height < 1 else 0.3
         clear = 2.5 + 2 * radius

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 ORIGINS = ("detected", "extended", "interpolated")
-MOST_CAMERAS = 64  # bits of the column `cameras`
+CAMERA_BITS = 64  # bits of the column `cameras`
 
 _FLOATS = ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy", "existence", "sigma")
 _COLUMNS = ("time_s", "frame", "track_id", *_FLOATS, "origin", "cameras")
@@ -30,14 +30,11 @@ _DESCRIPTIONS = {
 }
 
 
-def to_table(
-    columns: Mapping[str, Any], clock: Clock | None, camera_names: Sequence[str] | None
-) -> "pyarrow.Table":
+def to_table(columns: Mapping[str, Any], camera_names: Sequence[str] | None) -> "pyarrow.Table":
     """Make the table of tracks; see `Tracks.to_arrow`.
 
     Args:
         columns: the fields of the tracks.
-        clock: of their frames.
         camera_names: (C,) names, or None.
 
     Raises:
@@ -47,7 +44,7 @@ def to_table(
     arrow = require_pyarrow()
     names = None if camera_names is None else [str(name) for name in camera_names]
     bits = _bits_of(columns["support"], columns["cameras"], names)
-    frame = np.asarray(columns["frame"], np.int64)
+    frame, clock = columns["frame"], columns["clock"]
     xy, covariance = (np.asarray(columns[name], np.float64) for name in ("ground_xy", "covariance"))
     rate = np.nan if clock is None else clock.frame_rate
     velocity = np.asarray(columns["velocity"], np.float64) * rate
@@ -72,7 +69,7 @@ def to_table(
         for name, values in numbers.items()
     }
     arrays["frame"] = arrow.array(frame)
-    arrays["track_id"] = arrow.array(np.asarray(columns["track_id"], np.int64))
+    arrays["track_id"] = arrow.array(columns["track_id"])
     arrays["origin"] = arrow.DictionaryArray.from_arrays(
         arrow.array(np.asarray(columns["origin"], np.int8)), arrow.array(ORIGINS)
     )
@@ -154,10 +151,10 @@ def require_pyarrow() -> ModuleType:
 def _bits_of(support: Any, known: Any, names: list[str] | None) -> np.ndarray | None:
     """(M,) the bit sets of the cameras that support each row, or None if nothing tells them."""
     count = support.shape[1]
-    if count > MOST_CAMERAS:
-        name = quoted(names[MOST_CAMERAS]) if names and len(names) == count else MOST_CAMERAS
+    if count > CAMERA_BITS:
+        name = quoted(names[CAMERA_BITS]) if names and len(names) == count else CAMERA_BITS
         raise InvalidInputError(
-            f"The column cameras has one bit for each of at most {MOST_CAMERAS} cameras, but there "
+            f"The column cameras has one bit for each of at most {CAMERA_BITS} cameras, but there "
             f"are {count}: camera {name} has none. Write the tracks as CSV or .npz."
         )
     if names is not None and count and len(names) != count:

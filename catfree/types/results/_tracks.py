@@ -248,7 +248,7 @@ class Tracks(eqx.Module):
             MissingDependencyError: if pyarrow is not installed.
             InvalidInputError: if there are more than 64 cameras, or another number of names.
         """
-        return to_table(vars(self), self.clock, camera_names)
+        return to_table(vars(self), camera_names)
 
     @classmethod
     def from_arrow(cls, table: "pyarrow.Table", ground: Plane | None = None) -> "Tracks":

@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.adapters.files._documents import write_bytes_atomically
+from catfree.adapters.protocols import Image
 from catfree.types import Detections
 from catfree.viz._palette import TRACK_COLORS
-from catfree.viz.footage._drawing import Image, default_stroke, draw_box
+from catfree.viz.footage._drawing import default_stroke, draw_box
 
 VIEW_WIDTH = 640  # pixels per camera
 

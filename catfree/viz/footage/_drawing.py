@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
+from catfree.adapters.protocols import Image
 from catfree.viz._palette import Color
 from catfree.viz._plan_view import place_labels
-
-Image = UInt8[np.ndarray, "_ _ 3"]  # cameras differ in size
 
 TEXT_HEIGHT = 11  # pixels of a capital letter per unit of stroke
 WHITE: Color = (255, 255, 255)

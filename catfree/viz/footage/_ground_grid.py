@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree._coverage import visible_area
-from catfree.adapters.protocols import as_image
+from catfree.adapters.protocols import Image, as_image
 from catfree.errors import InvalidInputError
 from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import pixels_of_points
@@ -15,7 +15,6 @@ from catfree.types._validation import as_area, as_positive
 from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import Color
 from catfree.viz.footage._drawing import (
-    Image,
     default_stroke,
     draw_labels,
     draw_polyline,

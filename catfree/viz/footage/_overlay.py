@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from catfree.adapters import SynchronizedVideos
-from catfree.adapters.protocols import as_image
+from catfree.adapters.protocols import Image, as_image
 from catfree.errors import InvalidInputError
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
@@ -21,7 +21,6 @@ from catfree.viz._plan_view import camera_names as names_of, view_area
 from catfree.viz.footage._blur import blur_regions, people_regions, posts
 from catfree.viz.footage._contact_sheet import Board
 from catfree.viz.footage._drawing import (
-    Image,
     default_stroke,
     draw_box,
     draw_label,

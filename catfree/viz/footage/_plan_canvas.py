@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from catfree.adapters.protocols import Image
 from catfree.types import Origin, Scene, Tracks
 from catfree.viz._palette import CAMERA_COLOR, track_color
 from catfree.viz._plan_view import camera_wedges, confidence_ellipse, length_unit
-from catfree.viz.footage._drawing import Image, draw_labels, draw_polyline, fill_polygon, round_step
+from catfree.viz.footage._drawing import draw_labels, draw_polyline, fill_polygon, round_step
 
 PAPER = (250, 250, 250)
 GRID = (222, 222, 222)

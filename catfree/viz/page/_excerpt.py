@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-from catfree.adapters.video import SynchronizedVideos
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.types import Detections, Localization, Scene
 from catfree.viz._person_height import person_height as estimate_person_height
 from catfree.viz.footage._blur import blur_people

@@ -268,7 +268,7 @@ def test_hair_paler_than_the_face_belongs_to_the_person(street):
     difference[30:34, 40:60] = 30.0
     foreground = Foreground((difference > 0).astype(np.uint8), difference)
     sixty = replace(detector, profile=HeightProfile(np.array([0.0, 0.0, 60.0])))
-    np.testing.assert_array_equal(sixty.find_people(foreground)[:, :4], [[40, 30, 60, 90]])
+    np.testing.assert_array_equal(sixty.find_people(foreground, [])[:, :4], [[40, 30, 60, 90]])
 
 
 def test_how_dark_shadows_are_is_learned(street):

@@ -25,7 +25,7 @@ from catfree.adapters import (
     write_rig_json,
     write_scene_json,
 )
-from catfree.errors import CatFreeError, FileFormatError, InvalidInputError
+from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, WriteError
 from catfree.types import Plane, Rig, Scene
 
 
@@ -496,12 +496,13 @@ def test_names_of_cameras_are_text(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def test_colmap_needs_the_folder_above(tmp_path):
-    with pytest.raises(InvalidInputError, match="nowhere does not exist"):
-        write_colmap_text(tmp_path / "nowhere" / "colmap", _ring(2))
+def test_folders_of_cameras_are_made_where_they_can_be(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(InvalidInputError, match="file is not a folder"):
-        write_colmap_text(tmp_path / "file", _ring(2))
+    for write in (write_colmap_text, write_opencv_yaml):
+        write(tmp_path / "new" / write.__name__, _ring(2))
+        assert len(os.listdir(tmp_path / "new" / write.__name__)) >= 2
+        with pytest.raises(WriteError, match=r"Cannot make the folder .*file: File exists"):
+            write(tmp_path / "file", _ring(2))
 
 
 def test_colmap_refuses_what_it_cannot_say(tmp_path):

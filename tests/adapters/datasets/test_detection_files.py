@@ -136,7 +136,7 @@ def test_missing_pictures_name_or_number_their_cameras(tmp_path_factory, rows, s
     else:
         arrow, parquet = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
         parquet.write_table(arrow.table(table), path)
-    found = cf.adapters.datasets.read_missing_pictures(path, NAMES)
+    found = cf.adapters.read_missing_pictures(path, NAMES)
     np.testing.assert_array_equal(found, np.array(rows, np.int64).reshape(-1, 2))
 
 
@@ -155,7 +155,7 @@ def test_missing_pictures_name_or_number_their_cameras(tmp_path_factory, rows, s
 def test_a_damaged_table_of_missing_pictures_is_named(text, sentence, tmp_path):
     (tmp_path / "missing.csv").write_text(text)
     with pytest.raises((FileFormatError, InvalidInputError), match=sentence) as error:
-        cf.adapters.datasets.read_missing_pictures(tmp_path / "missing.csv", NAMES)
+        cf.adapters.read_missing_pictures(tmp_path / "missing.csv", NAMES)
     assert "missing.csv" in str(error.value)
 
 
@@ -178,7 +178,7 @@ def test_a_column_of_missing_pictures_that_holds_no_numbers_is_refused(kind, twi
         table = table.append_column(name, column) if twice else table.set_column(at, name, column)
         parquet.write_table(table, tmp_path / "missing.parquet")
         with pytest.raises((FileFormatError, InvalidInputError), match=r"missing\.parquet"):
-            cf.adapters.datasets.read_missing_pictures(tmp_path / "missing.parquet", NAMES)
+            cf.adapters.read_missing_pictures(tmp_path / "missing.parquet", NAMES)
 
 
 def test_tables_of_other_programs(boxes, tmp_path):
@@ -298,7 +298,7 @@ def test_numbers_that_are_not_all_names_are_positions(boxes, tmp_path):
         assert read.camera_names == names
         np.testing.assert_array_equal(read.detections.camera, boxes.camera)
     missing = write_csv(tmp_path / "missing.csv", {"frame": [3, 4, 5], "camera": [1, 2, 3]})
-    read_missing = cf.adapters.datasets.read_missing_pictures
+    read_missing = cf.adapters.read_missing_pictures
     assert read_missing(missing, "1234")[:, 1].tolist() == [0, 1, 2]
     assert read_missing(missing, "2345")[:, 1].tolist() == [1, 2, 3]
     mixed = write_csv(tmp_path / "mixed.csv", {"frame": [3, 4, 5], "camera": ["a", 1, 2]})
@@ -519,7 +519,7 @@ def test_long_numbers_of_frames_are_read_exactly(tmp_path):
     table = pandas.read_csv(tmp_path / "boxes.csv")
     table.to_parquet(tmp_path / "boxes.parquet")
     assert cf.read_detections(tmp_path / "boxes.parquet")[0].frame.tolist() == frames
-    missing = cf.adapters.datasets.read_missing_pictures(tmp_path / "boxes.csv", ["a"])
+    missing = cf.adapters.read_missing_pictures(tmp_path / "boxes.csv", ["a"])
     assert missing[:, 0].tolist() == frames
 
 

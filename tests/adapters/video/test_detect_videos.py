@@ -10,6 +10,7 @@ from catfree.adapters import (
     YoloPoseOnnx,
     detect_videos,
 )
+from catfree.adapters.video._detect_videos import detect_instant
 from catfree.adapters.video._validate_plugin_output import Describer
 from catfree.errors import InsufficientDataError, InvalidInputError
 
@@ -153,10 +154,11 @@ def test_detectors_that_answer_something_else_are_named(people, message, tmp_pat
         InvalidInputError, match="Answers, called for camera 0 at frame 1, " + message
     ):
         detect_videos(videos, Answers(people))
+    frame, pictures = next(videos.pictures_from(1))
     with pytest.raises(
         InvalidInputError, match="Answers, called for camera 1 at frame 1, " + message
     ):
-        detect_videos(videos, BrightSpot(), fitted=[BrightSpot(), Answers(people)])
+        detect_instant(pictures, [BrightSpot(), Answers(people)], frame)
 
 
 def test_boxes_that_are_none_name_their_picture(tmp_path):

@@ -298,7 +298,7 @@ def test_even_files_have_no_times_of_their_own_and_nothing_to_say(tmp_path):
     ]
     videos = SynchronizedVideos(paths)
     assert numbers_of(videos) == [(k, k, k) for k in range(10)]
-    assert videos.clock == Clock(videos.tick_rate or 0)
+    assert videos.clock == Clock(videos.fps or 0)
     assert footage_warnings(videos) == ()
 
 

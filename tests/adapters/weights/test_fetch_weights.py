@@ -15,7 +15,6 @@ import numpy as np
 import pooch
 import pytest
 
-import catfree as cf
 from catfree.adapters import WEIGHTS, ReIdOnnx, Weights, YoloxOnnx, fetch_weights, pretrained
 from catfree.adapters.weights import _weights_table
 from catfree.cli import main
@@ -89,9 +88,7 @@ def published(server, folder, monkeypatch, constant_graph):
 
 
 def replace_table(monkeypatch, table):
-    frozen = MappingProxyType(table)
-    monkeypatch.setattr(_weights_table, "WEIGHTS", frozen)
-    monkeypatch.setattr(cf.adapters.weights, "WEIGHTS", frozen)
+    monkeypatch.setattr(_weights_table, "WEIGHTS", MappingProxyType(table))
 
 
 def leftovers(folder):

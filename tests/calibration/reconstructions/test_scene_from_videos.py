@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import catfree.calibration
-from catfree.adapters.video import SynchronizedVideos
+from catfree.adapters import SynchronizedVideos
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
 from catfree.errors import InvalidInputError
 from catfree.geometry import fit_similarity

@@ -10,7 +10,8 @@ from catfree.errors import CatFreeError, InvalidInputError
 from catfree.methods.paper._assemble import empty_localization
 from catfree.types import Candidates, Localization, Reliability, Thresholds, Tracks
 from catfree.types._archive import save_arrays
-from catfree.types.results import require_sound_localization, require_sound_tracks
+from catfree.types.results._localization import require_sound_localization
+from catfree.types.results._tracks import require_sound_tracks
 
 
 def tracks(count: int = 3) -> Tracks:

@@ -120,7 +120,7 @@ def write_colmap_text(
     fisheye as OPENCV_FISHEYE, an ideal camera as PINHOLE.
 
     Args:
-        folder: made if it does not exist (its parent must).
+        folder: made if it does not exist.
         rig: the cameras.
         names: (C,) image names without spaces; C1, C2, ... if None.
         points: (P, 3) points in the rig's frame, written in gray.
@@ -129,10 +129,10 @@ def write_colmap_text(
         The folder.
 
     Raises:
-        InvalidInputError: if the parent folder does not exist, no camera is registered, a name has
-            a space, a K has skew, a camera is a grid of rays, which COLMAP cannot hold, or the
-            points are not finite or have another shape.
-        WriteError: if the disk is full or not writable.
+        InvalidInputError: if no camera is registered, a name has a space, a K has skew, a camera is
+            a grid of rays, which COLMAP cannot hold, or the points are not finite or have another
+            shape.
+        WriteError: if the folder cannot be made, or the disk is full or not writable.
     """
     root = Path(folder)
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
@@ -165,12 +165,6 @@ def write_colmap_text(
     cloud = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
     scene = np.empty((0, 3)) if points is None else as_finite(points, (None, 3), "points")
     cloud += [f"{at + 1} {_row(point)} 128 128 128 0" for at, point in enumerate(scene)]
-    if not root.parent.is_dir():
-        raise InvalidInputError(
-            f"Cannot write {root}: the folder {root.parent} does not exist. Create it first."
-        )
-    if root.exists() and not root.is_dir():
-        raise InvalidInputError(f"Cannot write {root}: the path {root.name} is not a folder.")
     make_folder(root)
     for file, lines in (("cameras", cameras), ("images", images), ("points3D", cloud)):
         write_text_atomically(root / f"{file}.txt", "\n".join(lines) + "\n")

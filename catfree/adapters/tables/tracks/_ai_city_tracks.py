@@ -12,7 +12,7 @@ from catfree.adapters.tables.tracks._tracked_rows import tracked
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Tracks
 from catfree.types._validation import as_count, as_positive
-from catfree.types.results import supporting_boxes
+from catfree.types.results._tracks import supporting_boxes
 
 _PERSON = 0  # class of people, 2025
 _OF_BOXES, _OF_IMAGES = 11, 9  # columns
