@@ -222,13 +222,13 @@ class _Problem:
         """
         if crowd is None:
             crowd = self.measured[-1].sd.item() if chosen[-1] else self.unusual
+        people = self.measured[-1]._replace(sd=np.array([crowd]))
         try:
-            return self._fit(chosen, crowd)
+            return self._fit(chosen, people)
         except np.linalg.LinAlgError as error:
             raise self.contradiction() from error
 
-    def _fit(self, chosen: Bool[np.ndarray, " u"], crowd: float) -> _Fit:
-        people = self.measured[-1]._replace(sd=np.array([crowd]))
+    def _fit(self, chosen: Bool[np.ndarray, " u"], people: Measurement) -> _Fit:
         measured = [*compress(self.measured[:-1], chosen), people]
         prior, fixed = self.prior, 4 - len(self.start)
         at, frame = self.cameras, np.pad(self.start, (0, fixed))
