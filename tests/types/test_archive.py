@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 from catfree import Detections, Plane, Rig, Scene, Tracks
 from catfree.adapters import write_colmap_text, write_rig_json, write_tracks_csv
-from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, WriteError
+from catfree.errors import FileFormatError, InvalidInputError, WriteError
 from catfree.methods.paper._assemble import empty_localization
 from catfree.types._archive import load_arrays, save_arrays
 
@@ -166,5 +166,5 @@ def test_every_saver_names_the_file_that_cannot_be_written(tmp_path, monkeypatch
             save(tmp_path / name)
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
     (tmp_path / "file").touch()
-    with pytest.raises(CatFreeError, match="not a folder"):
+    with pytest.raises(WriteError, match=r"file: File exists\. Name another"):
         write_colmap_text(tmp_path / "file", rig)
