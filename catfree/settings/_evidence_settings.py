@@ -58,11 +58,10 @@ class EvidenceSettings(CheckedSettings):
         largest_sigma: a single view with a larger uncertainty, in H0, carries no information.
 
         calibration_frames: largest number of frames, evenly spread, to learn from.
-        fewest_samples: people, steps or residuals from which anything is learned, and sightings
-            that the detection rate of all classes is worth against those of one.
-        fewest_residuals: of a camera's edge, from which its noise is learned.
+        fewest_samples: people or steps from which anything is learned. The usual noise is worth as
+            many residuals, and the detection rate of all classes as many sightings of one.
         fewest_pairs: pairs of one person, and of two, from which it is learned who looks alike.
-        noise_factor_range: bounds of the edge noise relative to its initial value.
+        least_noise: smallest noise of an edge relative to its initial value.
         angular_noise_range: bounds of the calibration error in radians.
         field_prior: prior standard deviation of the offset's coefficients (focal, column, row,
             box height).
@@ -219,13 +218,12 @@ class EvidenceSettings(CheckedSettings):
         60, "numerical", "ten parameters per camera from hundreds of boxes"
     )
     fewest_samples: int = constant(10, "decision", "a mean is then known to a third of a deviation")
-    fewest_residuals: int = constant(30, "decision", "a spread is then known to a fifth")
     fewest_pairs: int = constant(50, "decision", "both spreads are then known to a sixth")
-    noise_factor_range: tuple[float, float] = constant(
-        (0.7, 3.0),
+    least_noise: float = constant(
+        0.7,
         "physical",
         "no detector is better than 0.7 of the usual edges on moving people; lower estimates are "
-        "due to groups selected for agreement. At three times the usual a detector is unusable",
+        "due to groups selected for agreement",
     )
     angular_noise_range: tuple[float, float] = constant(
         (0.001, 0.012),

@@ -114,36 +114,36 @@ def learn_noise(
     )
     features = features_of(boxes, row, views)
     field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
+    edges = [(camera, k, used[:, k] & (c == camera)) for camera, k in np.ndindex(C, 3)]
     if settings.residual_field:
-        for camera in range(C):
-            for k in range(3):
-                of_edge = used[:, k] & (c == camera)
-                if of_edge.sum() >= settings.fewest_samples:
-                    learned, _ = huber_regression(
-                        features[of_edge, k] / sd[of_edge, k, None],
-                        residual[of_edge, k] / sd[of_edge, k],
-                        np.array(settings.field_prior),
-                    )
-                    field[camera, k] += share * (learned - field[camera, k])
-    corrected = residual - np.einsum("nkf,nkf->nk", features, field[c])
-    z = corrected / sd
-    pool = []
-    for camera in range(C):
-        for k in range(3):
-            of_edge = used[:, k] & (c == camera)
-            if of_edge.sum() >= settings.fewest_residuals:
-                factor = MEDIAN_TO_DEVIATION * float(np.median(np.abs(z[of_edge, k])))
-                pool.append(factor)
-                change = np.clip(factor, 1 / LARGEST_CHANGE, LARGEST_CHANGE)
-                low, high = settings.edge_noise[k] * np.array(settings.noise_factor_range)
-                edge[camera, k] = np.clip(edge[camera, k] * change, low, high)
-    if pool:
-        change = np.clip(np.median(pool), 1 / LARGEST_CHANGE, LARGEST_CHANGE)
-        angular = np.clip(angular * change, *settings.angular_noise_range)
+        for camera, k, mine in edges:
+            if mine.any():
+                learned, _ = huber_regression(
+                    features[mine, k] / sd[mine, k, None],
+                    residual[mine, k] / sd[mine, k],
+                    np.array(settings.field_prior),
+                )
+                field[camera, k] += share * (learned - field[camera, k])
+    z = (residual - np.einsum("nkf,nkf->nk", features, field[c])) / sd
+    for camera, k, mine in edges:
+        own = edge[camera, k] * change_of_noise(z[mine, k])
+        usual, worth = settings.edge_noise[k], [settings.fewest_samples, mine.sum()]
+        # The mean of a conjugate (scaled inverse chi-squared) prior and the residuals.
+        learned = np.sqrt(np.average([usual**2, own**2], weights=worth))
+        edge[camera, k] = max(learned, settings.least_noise * usual)
+    angular = np.clip(angular * change_of_noise(z[used]), *settings.angular_noise_range)
     return (
         Noise(edge, np.asarray(angular), field, np.asarray(spread), np.asarray(density)),
         center,
     )
+
+
+def change_of_noise(z: Float[np.ndarray, " n"]) -> float:
+    """Factor on the noise in one round by which residuals would have a deviation of 1."""
+    if not len(z):
+        return 1.0
+    factor = MEDIAN_TO_DEVIATION * float(np.median(np.abs(z)))
+    return float(np.clip(factor, 1 / LARGEST_CHANGE, LARGEST_CHANGE))
 
 
 def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -> float:
