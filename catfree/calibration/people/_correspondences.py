@@ -35,7 +35,6 @@ from catfree.types import Detections
 from catfree.types._validation import as_float, as_integer, require_shape
 
 FEWEST_PEOPLE = 20
-SMALLEST_SD = 2.0  # pixels; lower bound for the error of a box edge
 
 
 def refine_with_correspondences(
@@ -186,7 +185,7 @@ def adjust_groups(
         iterations: maximum number of steps.
         k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
     """
-    sd = np.maximum(np.nan_to_num(measurements.sd, nan=np.inf, posinf=np.inf), SMALLEST_SD)
+    sd = np.nan_to_num(measurements.sd, nan=np.inf, posinf=np.inf)
     measurements = straight = replace(measurements, sd=sd)
     if k1 is not None:
         lenses = RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1)

@@ -33,7 +33,6 @@ from catfree.settings import CalibrationSettings
 from catfree.types._annotations import HostOrDevice
 
 TOLERANCES = (0.10, 0.06, 0.03)  # fraction of the range, decreasing as the camera converges
-PASSES = 2
 MOST_STEPS = 8  # of a fit
 FEWEST_MATCHES = 6
 MATCHES_BLOCK = 1024  # matches are padded to this number, or to a power of four times it
@@ -77,7 +76,7 @@ def resect(
         (7,) refined parameters of each placement, or None if it diverges or matches too few people.
     """
     refined = {at: start for at, (_, start) in enumerate(placements)}
-    for tolerance in np.repeat(TOLERANCES, PASSES).tolist():
+    for tolerance in TOLERANCES:
         matches: dict[int, MatchedPeople] = {}
         for at, parameters in refined.items():
             grid = placements[at][0]
