@@ -115,23 +115,24 @@ def learn_noise(
     features = features_of(boxes, row, views)
     field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
     edges = [(camera, k, used[:, k] & (c == camera)) for camera, k in np.ndindex(C, 3)]
+    edges = [(camera, k, mine) for camera, k, mine in edges if mine.any()]
     if settings.residual_field:
         for camera, k, mine in edges:
-            if mine.any():
-                learned, _ = huber_regression(
-                    features[mine, k] / sd[mine, k, None],
-                    residual[mine, k] / sd[mine, k],
-                    np.array(settings.field_prior),
-                )
-                field[camera, k] += share * (learned - field[camera, k])
+            learned, _ = huber_regression(
+                features[mine, k] / sd[mine, k, None],
+                residual[mine, k] / sd[mine, k],
+                np.array(settings.field_prior),
+            )
+            field[camera, k] += share * (learned - field[camera, k])
     z = (residual - np.einsum("nkf,nkf->nk", features, field[c])) / sd
     for camera, k, mine in edges:
-        own = edge[camera, k] * change_of_noise(z[mine, k])
-        usual, worth = settings.edge_noise[k], [settings.fewest_samples, mine.sum()]
+        usual, own = settings.edge_noise[k], edge[camera, k] * change_of_noise(z[mine, k])
         # The mean of a conjugate (scaled inverse chi-squared) prior and the residuals.
+        worth = [settings.fewest_samples, mine.sum()]
         learned = np.sqrt(np.average([usual**2, own**2], weights=worth))
         edge[camera, k] = max(learned, settings.least_noise * usual)
-    angular = np.clip(angular * change_of_noise(z[used]), *settings.angular_noise_range)
+    if used.any():
+        angular = np.clip(angular * change_of_noise(z[used]), *settings.angular_noise_range)
     return (
         Noise(edge, np.asarray(angular), field, np.asarray(spread), np.asarray(density)),
         center,
@@ -140,8 +141,6 @@ def learn_noise(
 
 def change_of_noise(z: Float[np.ndarray, " n"]) -> float:
     """Factor on the noise in one round by which residuals would have a deviation of 1."""
-    if not len(z):
-        return 1.0
     factor = MEDIAN_TO_DEVIATION * float(np.median(np.abs(z)))
     return float(np.clip(factor, 1 / LARGEST_CHANGE, LARGEST_CHANGE))
 
