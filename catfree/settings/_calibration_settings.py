@@ -143,7 +143,7 @@ class CalibrationSettings(CheckedSettings):
         0.96,
     )
     strained_residual: float = 1.5
-    unsupported_share: float = 0.2
+    unsupported_share: float = 0.5
     fewest_to_compare: int = 4
     largest_focal_sd: float = 0.05
     minimum_frames: int = 20
