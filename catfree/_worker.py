@@ -125,21 +125,21 @@ def spawned_pool(count: int, reports: Any = None) -> Iterator[ProcessPoolExecuto
 
 
 def as_they_end(
-    tasks: Iterable[Future[T]], reports: Any, progress: Callable[[int], None]
+    tasks: Iterable[Future[T]], reports: Any, on_report: Callable[[int], None]
 ) -> Iterator[Future[T]]:
     """Yield tasks as they end, and meanwhile pass on the sum of what their processes report.
 
     Args:
         tasks: of processes that put numbers of finished steps into the queue.
         reports: the queue.
-        progress: called with the number of steps that are finished.
+        on_report: called with the number of steps that are finished.
     """
     done, pending = 0, set(tasks)
     while pending:
         finished, pending = wait(pending, POLL, FIRST_COMPLETED)
         while not reports.empty():
             done += reports.get()
-            progress(done)
+            on_report(done)
         yield from finished
 
 

@@ -39,7 +39,8 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
         and jnp.issubdtype(v.dtype, jnp.floating)
         and not getattr(v, "weak_type", False)
     ]
-    dtype = jnp.result_type(*(floats or (float,)))
+    widest = max(floats, key=lambda c: jnp.finfo(c.dtype).bits) if floats else 0.0
+    dtype = jnp.result_type(widest)
     return tuple(None if c is None else jnp.asarray(c, dtype) for c in converted)
 
 

@@ -210,7 +210,7 @@ INGREDIENTS = {
     "self_calibrate": (poorly_seen, "who"),
     "residual_field": (poorly_seen, "position"),
     "local_clutter": (poorly_seen, "existence"),
-    "use_height": (poorly_seen, "who"),
+    "use_height": (poorly_seen, "position"),
     "track": (poorly_seen, "who"),
     "use_appearance": (crowd_beyond, "position"),
     "link_by_looks": (dense_crowd, "position"),
