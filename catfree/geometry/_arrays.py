@@ -33,14 +33,14 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
     converted = [None if v is None else as_float(v) for v in values]
     # Whole numbers and scalars, also Python scalars that went through `jax.jit`, have no say.
     floats = [
-        c
+        jnp.result_type(c)
         for v, c in zip(values, converted, strict=True)
-        if isinstance(v, HostOrDevice)
+        if c is not None
+        and isinstance(v, HostOrDevice)
         and jnp.issubdtype(v.dtype, jnp.floating)
         and not getattr(v, "weak_type", False)
     ]
-    widest = max(floats, key=lambda c: jnp.finfo(c.dtype).bits) if floats else 0.0
-    dtype = jnp.result_type(widest)
+    dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)
     return tuple(None if c is None else jnp.asarray(c, dtype) for c in converted)
 
 
