@@ -454,9 +454,10 @@ def _joined(parts: list[_Part], files: list[Path], known: tuple[str, ...]) -> Ca
         )
     names, size = first.names, first.size
     moved = [part.detections for part in parts]
-    if names is not None and len(parts) > 1:
-        names, size, moved = _of_all_cameras(parts)
-    _require_different_pictures(moved, names)
+    if len(parts) > 1:
+        if names is not None:
+            names, size, moved = _of_all_cameras(parts)
+        _require_different_pictures(moved, names)
     detections = Detections.concatenate(moved)
     if names is None:
         count = int(detections.camera.max(initial=-1)) + 1
