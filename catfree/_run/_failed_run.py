@@ -43,7 +43,8 @@ def write_failure(
         folder: created if it does not exist; pictures of an earlier run are removed, its tracks and
             cameras stay, and the report lists them.
         error: why it failed.
-        unfinished: the partial results; nothing is written before detection has finished.
+        unfinished: the partial results; nothing is written of boxes, nor before detection has
+            finished.
         embeddings: write the boxes' appearance vectors, too.
         blur: make the people in the picture unrecognizable.
         pictures: write the picture.
@@ -56,8 +57,8 @@ def write_failure(
         CatFreeError: if a file cannot be written, or the footage cannot be read again.
         OSError: if the disk is full or not writable.
     """
-    videos, detections = unfinished.videos, unfinished.detections
-    if videos is None or detections is None:
+    videos, detections = unfinished.recording, unfinished.detections
+    if not isinstance(videos, SynchronizedVideos) or detections is None:
         return []
     root = Path(folder)
     numbers = numbers_of_files(videos.frames)

@@ -16,7 +16,13 @@ from jaxtyping import Int
 
 from catfree.adapters import SceneSource, read_scene
 from catfree.adapters.datasets._detection_files import CameraBoxes
-from catfree.adapters.files._camera_names import files_ending, is_numbered, positions_of
+from catfree.adapters.files._camera_names import (
+    distinct_names,
+    files_ending,
+    is_numbered,
+    numbered_names,
+    positions_of,
+)
 from catfree.adapters.files._documents import IMAGE_SUFFIXES
 from catfree.adapters.files._fingerprint import hash_samples
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
@@ -148,6 +154,61 @@ def order_like(
         f"The scene names its cameras {', '.join(given)}, the {kind} are {', '.join(wanted)}: "
         "they were matched in the order given. Check that it is the same.",
     )
+
+
+def match_cameras(
+    scene: Scene, names: Sequence[str] | None, recording: Recording
+) -> tuple[Scene, Recording, tuple[str, ...]]:
+    """Match the cameras of a scene to those of a recording, and name those that have no boxes.
+
+    Args:
+        scene: with a camera for each of the recording's, or more.
+        names: (C,) names of its cameras, or None if they have none.
+        recording: the footage or boxes.
+
+    Returns:
+        The scene in the order of the recording, the recording with a name for each of its cameras,
+        and warnings, as `order_like`.
+
+    Raises:
+        InvalidInputError: if the recording has other cameras, or images of another size.
+        InsufficientDataError: as `order_like`.
+    """
+    if isinstance(recording, SynchronizedVideos):
+        ordered, warnings = order_like(scene, names, recording.camera_names)
+        recording.require_cameras(ordered.rig.camera_count)
+        _require_same_sizes(ordered, recording)
+        return ordered, recording, warnings
+    known = recording.camera_names
+    ordered, warnings = order_like(scene, names, known, "boxes")
+    count = ordered.rig.camera_count
+    if count < len(known):
+        raise InvalidInputError(
+            f"The scene has {count} cameras, but there are boxes of {len(known)}. Leave out the "
+            "boxes of the other cameras."
+        )
+    _require_same_sizes(ordered, recording)
+    if ordered is scene and names is not None and is_numbered(known):
+        known = tuple(names)
+    others = numbered_names(count)[len(known) :]
+    known += tuple(distinct_names([*known, *others])[len(known) :])
+    return ordered, replace(recording, camera_names=known), warnings
+
+
+def _require_same_sizes(scene: Scene, recording: Recording) -> None:
+    """Raise at the first camera whose images have another size than in the scene."""
+    size = recording.image_size
+    if size is None:
+        return
+    known = np.asarray(scene.rig.image_size)[: len(size)]
+    differs = (known != size).any(axis=1)
+    if differs.any():
+        at = int(np.argmax(differs))
+        raise InvalidInputError(
+            f"Camera {quoted(recording.camera_names[at])} has images of "
+            f"{' x '.join(map(str, size[at]))} px, but of {' x '.join(map(str, known[at]))} px in "
+            "the scene. Scale one like the other."
+        )
 
 
 def footage_warnings(videos: SynchronizedVideos) -> tuple[str, ...]:
@@ -369,18 +430,22 @@ def calibration_warnings(
 
 
 def without_offsets(
-    videos: SynchronizedVideos, detections: Detections, frame_offset: Int[np.ndarray, " cam"]
-) -> tuple[SynchronizedVideos, Detections]:
-    """Put videos and boxes on corrected clocks, restricted to instants of all cameras.
+    recording: Recording, detections: Detections, frame_offset: Int[np.ndarray, " cam"]
+) -> tuple[Recording, Detections]:
+    """Put a recording and its boxes on corrected clocks.
 
     Args:
-        videos: the footage on the clocks as given.
-        detections: what was found in it.
+        recording: the footage or boxes on the clocks as given.
+        detections: boxes of all cameras; of footage, those at instants that are left are kept.
         frame_offset: (C,) frames by which each camera's frame numbers are too high.
     """
-    corrected = videos.without_offsets(frame_offset.tolist())
     moved = remove_offsets(detections, frame_offset)
-    return corrected, moved[np.isin(moved.frame, corrected.frames)]
+    if isinstance(recording, SynchronizedVideos):
+        corrected = recording.without_offsets(frame_offset.tolist())
+        return corrected, moved[np.isin(moved.frame, corrected.frames)]
+    silent = recording.silent.copy()
+    silent[:, 0] -= frame_offset[silent[:, 1]]
+    return replace(recording, silent=silent), moved
 
 
 def _started(offset: int, videos: Recording) -> str:

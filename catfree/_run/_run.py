@@ -1,5 +1,6 @@
 """`run`: from RGB videos to tracks on the ground, with cached stages."""
 
+import contextlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,10 +9,11 @@ import numpy as np
 
 from catfree._run._cache import StageCache
 from catfree._run._input_checks import (
+    Recording,
     calibration_warnings,
     clock_warnings,
     footage_warnings,
-    order_like,
+    match_cameras,
     require_distinct_videos,
     scene_of,
     tiny_boxes,
@@ -28,7 +30,6 @@ from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.embedders._color_embedder import ColorEmbedder
-from catfree.adapters.files._camera_names import distinct_names, is_numbered, numbered_names
 from catfree.adapters.protocols import (
     Detector,
     Embedder,
@@ -37,7 +38,7 @@ from catfree.adapters.protocols import (
     SceneSource,
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
-from catfree.calibration import Calibration, remove_offsets
+from catfree.calibration import Calibration
 from catfree.calibration.people import Anchor, resolve_anchors
 from catfree.errors import InvalidInputError, quoted
 from catfree.settings import Settings
@@ -90,12 +91,12 @@ class Unfinished:
     """Partial results of a run, filled as it proceeds and available after an error.
 
     Attributes:
-        videos: the footage, once it is open.
+        recording: the footage, once it is open, or boxes.
         detections: boxes of all cameras, once detection has finished.
         warnings: sentences about the input.
     """
 
-    videos: SynchronizedVideos | None = None
+    recording: Recording | None = None
     detections: Detections | None = None
     warnings: tuple[str, ...] = ()
 
@@ -180,7 +181,7 @@ def run(
 
 
 def run_stages(
-    videos: Videos,
+    videos: Videos | CameraBoxes,
     detector: Detector | FittedToCamera | None = None,
     embedder: Embedder | None = None,
     reconstructor: Reconstructor | None = None,
@@ -198,7 +199,8 @@ def run_stages(
     """Do what `run` does and return the results of all stages.
 
     Args:
-        videos: as `run`.
+        videos: as `run`, or the boxes of all cameras, with the sizes of their images if there is no
+            scene; detector, embedder and workers are not used then.
         detector: as `run`.
         embedder: as `run`.
         reconstructor: as `run`.
@@ -234,41 +236,46 @@ def run_stages(
         raise InvalidInputError("Pass a scene or a reconstructor, not both.")
     if (anchors or maximum_offset) and (scene is not None or reconstructor is not None):
         raise InvalidInputError(_ONLY_FROM_PEOPLE)
-    if not isinstance(videos, SynchronizedVideos):
-        if isinstance(videos, str) or not isinstance(videos, Sequence) or not videos:
-            raise InvalidInputError(
-                f"videos must list one video file or image folder per camera, got {quoted(videos)}."
-            )
-        videos = SynchronizedVideos(videos, fewest_cameras=min(len(videos), 2))
+    recording = videos if isinstance(videos, CameraBoxes) else _opened(videos)
     so_far = Unfinished() if unfinished is None else unfinished
-    so_far.videos, so_far.warnings = videos, footage_warnings(videos)
-    require_distinct_videos(videos)
-    resolve_anchors(anchors, videos.image_size, videos.camera_names)  # told before the long work
+    so_far.recording = recording
+    # What is wrong is told before the long work.
+    if isinstance(recording, CameraBoxes):
+        boxes = recording.detections
+        require_no_boxes(recording.silent, boxes.frame, boxes.camera, recording.camera_names)
+    else:
+        so_far.warnings = footage_warnings(recording)
+        require_distinct_videos(recording)
+        resolve_anchors(anchors, recording.image_size, recording.camera_names)
     if scene is not None:
-        scene, order = order_like(scene, scene_names, videos.camera_names)
-        so_far.warnings += order
-        videos.require_cameras(scene.rig.camera_count)
-        _require_same_sizes(scene, videos.image_size, videos.camera_names)
-    detector = BackgroundDetector() if detector is None else detector
-    if embedder is None and isinstance(detector, BackgroundDetector):
-        embedder = ColorEmbedder()
+        scene, recording, matched = match_cameras(scene, scene_names, recording)
+        so_far.warnings += matched
     cache = None if cache_dir is None else StageCache(cache_dir)
-
-    with CameraDetectors(videos, detector, cache, progress, workers=workers) as cameras:
-        detections = detect_with_cache(videos, cameras, embedder, cache)
-        so_far.detections = detections
-        if videos.interruption is not None:
-            so_far.warnings += (
-                f"Used only the footage before the damage, {videos.whole} of {len(videos)} "
-                f"instants: {videos.interruption}",
-            )
-            so_far.videos = videos = videos.before_interruption()
-        calibration, known = None, scene is not None
-        if reconstructor is not None:
-            scene = reconstruct(videos, reconstructor, detections, cache=cache, progress=progress)
-        elif scene is None:
+    calibration, is_known = None, scene is not None
+    with contextlib.ExitStack() as stack:
+        cameras = None
+        if isinstance(recording, CameraBoxes):
+            detections = recording.detections
+        else:
+            detector = BackgroundDetector() if detector is None else detector
+            if embedder is None and isinstance(detector, BackgroundDetector):
+                embedder = ColorEmbedder()
+            cameras = CameraDetectors(recording, detector, cache, progress, workers=workers)
+            stack.enter_context(cameras)
+            so_far.detections = detections = detect_with_cache(recording, cameras, embedder, cache)
+            if recording.interruption is not None:
+                so_far.warnings += (
+                    f"Used only the footage before the damage, {recording.whole} of "
+                    f"{len(recording)} instants: {recording.interruption}",
+                )
+                so_far.recording = recording = recording.before_interruption()
+            if reconstructor is not None:
+                scene = reconstruct(
+                    recording, reconstructor, detections, cache=cache, progress=progress
+                )
+        if scene is None:
             calibration = calibrate_cameras(
-                videos,
+                recording,
                 detector,
                 detections,
                 settings,
@@ -277,14 +284,14 @@ def run_stages(
                 cache=cache,
                 progress=progress,
             )
-            scene = calibration.scene
-            so_far.warnings += calibration_warnings(calibration, detections, videos, settings)
-            if calibration.frame_offset.any():
-                videos, detections = without_offsets(videos, detections, calibration.frame_offset)
-                so_far.videos, so_far.detections = videos, detections
-        if settings.method != "paper" and isinstance(detector, FittedToCamera):
+            scene, offset = calibration.scene, calibration.frame_offset
+            so_far.warnings += calibration_warnings(calibration, detections, recording, settings)
+            if offset.any():
+                recording, detections = without_offsets(recording, detections, offset)
+                so_far.recording, so_far.detections = recording, detections
+        if cameras is not None and isinstance(recording, SynchronizedVideos):
             detections = detect_again(
-                videos,
+                recording,
                 cameras,
                 embedder,
                 detections,
@@ -294,111 +301,26 @@ def run_stages(
                 progress=progress,
             )
     so_far.warnings += tiny_boxes(detections, settings.calibration)
+    names = tuple(recording.camera_names)
     localization = localize_people(
-        detections, scene, settings, videos.silent,
-        camera_names=videos.camera_names, cache=cache, progress=progress,
+        detections, scene, settings, recording.silent,
+        camera_names=names, cache=cache, progress=progress,
     )  # fmt: skip
-    if known:
-        so_far.warnings += clock_warnings(localization, detections, scene, videos, settings)
+    if is_known:
+        so_far.warnings += clock_warnings(localization, detections, scene, recording, settings)
     localization = replace(localization, warnings=(*so_far.warnings, *localization.warnings))
-    return RunOutcome(
-        localization,
-        detections,
-        scene,
-        calibration,
-        tuple(videos.camera_names),
-        videos.frames,
-        videos,
-    )
-
-
-def run_boxes(
-    boxes: CameraBoxes,
-    scene: Scene | SceneSource | str | os.PathLike[str] | None = None,
-    settings: Settings | None = None,
-    *,
-    cache_dir: str | os.PathLike[str] | None = None,
-    progress: Progress | None = None,
-    scene_names: Sequence[str] | None = None,
-    maximum_offset: int = 0,
-    anchors: Sequence[Anchor] = (),
-) -> RunOutcome:
-    """Do what `run_stages` does with boxes instead of videos.
-
-    Args:
-        boxes: of all cameras, with the sizes of their images if there is no scene.
-        scene: as `run`.
-        settings: as `run`.
-        cache_dir: as `run`.
-        progress: as `run`.
-        scene_names: as `run`.
-        maximum_offset: as `run`.
-        anchors: as `run`.
-
-    Returns:
-        Detections, scene, calibration and localization.
-
-    Raises:
-        CatFreeError: as `run`.
-    """
-    settings = Settings() if settings is None else settings
-    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
-    cache = None if cache_dir is None else StageCache(cache_dir)
-    scene, scene_names = scene_of(scene, scene_names)
-    detections, silent, calibration = boxes.detections, boxes.silent, None
-    # Told before the long work.
-    require_no_boxes(silent, detections.frame, detections.camera, boxes.camera_names)
-    warnings: tuple[str, ...] = ()
-    if (anchors or maximum_offset) and scene is not None:
-        raise InvalidInputError(_ONLY_FROM_PEOPLE)
-    if scene is not None:
-        given = scene
-        scene, warnings = order_like(given, scene_names, boxes.camera_names, "boxes")
-        if scene.rig.camera_count < len(boxes.camera_names):
-            raise InvalidInputError(
-                f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "
-                f"{len(boxes.camera_names)}. Leave out the boxes of the other cameras."
-            )
-        _require_same_sizes(scene, boxes.image_size, boxes.camera_names)
-        if scene is given and scene_names is not None and is_numbered(boxes.camera_names):
-            boxes = replace(boxes, camera_names=tuple(scene_names))
+    if isinstance(recording, SynchronizedVideos):
+        frames, footage = recording.frames, recording
     else:
-        calibration = calibrate_cameras(
-            boxes, None, detections, settings,
-            maximum_offset=maximum_offset, anchors=anchors, cache=cache, progress=progress,
-        )  # fmt: skip
-        scene = calibration.scene
-        warnings += calibration_warnings(calibration, detections, boxes, settings)
-        detections = remove_offsets(detections, calibration.frame_offset)
-        silent = silent - np.pad(calibration.frame_offset[silent[:, 1], None], ((0, 0), (0, 1)))
-    warnings += tiny_boxes(detections, settings.calibration)
-    names = boxes.camera_names
-    others = numbered_names(scene.rig.camera_count)[len(names) :]
-    names += tuple(distinct_names([*names, *others])[len(names) :])
-    localization = localize_people(
-        detections, scene, settings, silent, camera_names=names, cache=cache, progress=progress
-    )
-    if calibration is None:
-        warnings += clock_warnings(localization, detections, scene, boxes, settings)
-    return RunOutcome(
-        replace(localization, warnings=(*warnings, *localization.warnings)),
-        detections,
-        scene,
-        calibration,
-        names,
-        np.union1d(detections.frame, localization.tracks.frame),
-    )
+        frames, footage = np.union1d(detections.frame, localization.tracks.frame), None
+    return RunOutcome(localization, detections, scene, calibration, names, frames, footage)
 
 
-def _require_same_sizes(scene: Scene, size: np.ndarray | None, names: Sequence[str]) -> None:
-    """Raise at the first camera whose images have another size than in the scene."""
-    if size is None:
-        return
-    known = np.asarray(scene.rig.image_size)[: len(size)]
-    differs = (known != size).any(axis=1)
-    if differs.any():
-        at = int(np.argmax(differs))
+def _opened(videos: Videos) -> SynchronizedVideos:
+    if isinstance(videos, SynchronizedVideos):
+        return videos
+    if isinstance(videos, str) or not isinstance(videos, Sequence) or not videos:
         raise InvalidInputError(
-            f"Camera {quoted(names[at])} has images of {' x '.join(map(str, size[at]))} px, but "
-            f"of {' x '.join(map(str, known[at]))} px in the scene. Scale one like the other."
+            f"videos must list one video file or image folder per camera, got {quoted(videos)}."
         )
+    return SynchronizedVideos(videos, fewest_cameras=min(len(videos), 2))

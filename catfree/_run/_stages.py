@@ -162,8 +162,11 @@ def detect_again(
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        The result of `look_again`, or the unchanged detections if the detector takes no hints.
+        The result of `look_again`, or the unchanged detections if the detector takes no hints, or
+        the method is that of the paper.
     """
+    if settings.method == "paper" or not isinstance(cameras.detector, FittedToCamera):
+        return detections
     # Positions too uncertain to report are still good enough as hints.
     settings = everywhere(settings)
 

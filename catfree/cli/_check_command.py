@@ -57,7 +57,7 @@ def check(
         blur: make people unrecognizable in the pictures. Boxes must number frames as the videos
             do, from 0 or from 1.
     """
-    from catfree._run._run import run_boxes
+    from catfree._run._run import run_stages
     from catfree.adapters.files._camera_names import positions_of
     from catfree.calibration.watching._check import require_since
     from catfree.errors import InvalidInputError
@@ -84,8 +84,8 @@ def check(
         footage = open_videos(tuple(videos[camera] for camera in place) if place else videos)
     folder = contextlib.nullcontext() if out is None else folder_of_results(out)
     with folder, progress_bars() as progress:
-        outcome = run_boxes(
-            camera_boxes, known_scene, cache_dir=cache, progress=progress, scene_names=names
+        outcome = run_stages(
+            camera_boxes, scene=known_scene, cache_dir=cache, progress=progress, scene_names=names
         )
         result = catfree.check(
             outcome.scene,

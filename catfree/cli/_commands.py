@@ -282,7 +282,7 @@ def localize(
         pictures: draw plots.
     """
     from catfree._run._result_folder import write_results
-    from catfree._run._run import run_boxes
+    from catfree._run._run import run_stages
 
     require_offset(max_offset)
     settings, known_anchors = settings_of(method), open_anchors(anchors)
@@ -291,10 +291,10 @@ def localize(
     camera_boxes = open_boxes(boxes, frame_rate, image_size, silent, names)
     print_table(_box_table(camera_boxes), aside=True)
     with folder_of_results(out), progress_bars() as progress:
-        outcome = run_boxes(
+        outcome = run_stages(
             camera_boxes,
-            known_scene,
-            settings,
+            scene=known_scene,
+            settings=settings,
             cache_dir=out / "cache" if cache is None else cache,
             progress=progress,
             scene_names=names,
@@ -428,7 +428,7 @@ def calibrate(
         if of_boxes:
             boxes = source.detections
         else:
-            unfinished.videos, unfinished.warnings = source, footage_warnings(source)
+            unfinished.recording, unfinished.warnings = source, footage_warnings(source)
             workers = processor_count()
             with CameraDetectors(source, finder, stages, progress, workers=workers) as cameras:
                 boxes = detect_with_cache(source, cameras, None, stages)

@@ -110,7 +110,7 @@ def test_a_camera_that_fits_refers_to_the_warning_that_names_it(tmp_path, monkey
     )  # fmt: skip
     Detections([0], [0], [[0.0, 0, 10, 30]]).save(tmp_path / "boxes.npz")
     write_scene_json(tmp_path / "scene.json", make_layout("ring4", 0).scene)
-    monkeypatch.setattr("catfree._run._run.run_boxes", lambda *args, **options: outcome)
+    monkeypatch.setattr("catfree._run._run.run_stages", lambda *args, **options: outcome)
     result = Check(cameras, 0, 3, 1.0, True)
     monkeypatch.setattr("catfree.check", lambda *args, **options: result)
     words = ["check", str(tmp_path / "boxes.npz"), "--scene", str(tmp_path / "scene.json")]
@@ -133,7 +133,7 @@ def test_words_that_do_not_fit_are_told_before_the_long_work(
     world = make_world("ring4", seed=2, frames=4, people=2)
     world.detections.save(tmp_path / "boxes.npz")
     write_scene_json(tmp_path / "scene.json", world.true_scene)
-    monkeypatch.setattr("catfree._run._run.run_boxes", None)
+    monkeypatch.setattr("catfree._run._run.run_stages", None)
     boxes, scene = (str(tmp_path / name) for name in ("boxes.npz", "scene.json"))
     assert cli.main(["check", boxes, "--scene", scene, *words]) == 1
     assert sentence in capsys.readouterr().err
@@ -153,7 +153,7 @@ def test_each_video_is_that_of_the_camera_with_its_boxes(seen, tmp_path, monkeyp
 
     cameras, pages = tuple(_judged(at, Verdict.FITS, "") for at in range(len(seen))), []
     monkeypatch.setattr(
-        "catfree._run._run.run_boxes",
+        "catfree._run._run.run_stages",
         lambda boxes, *args, **options: SimpleNamespace(
             scene=None, detections=None, localization=None, camera_names=boxes.camera_names,
             warnings=(),

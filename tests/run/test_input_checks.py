@@ -19,7 +19,7 @@ from catfree._run._input_checks import (
     without_offsets,
 )
 from catfree._run._result_folder import write_rig
-from catfree._run._run import run_boxes
+from catfree._run._run import run_stages
 from catfree.adapters import SceneSource, SynchronizedVideos, read_scene, write_scene_json
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.video import _video_sources
@@ -281,19 +281,19 @@ def test_boxes_of_smaller_images_than_those_of_the_scene_are_refused():
     world = make_world(ring(3, image_size=(640, 360), people=3), frames=12, people=3)
     names, size = ("north", "east", "south"), np.tile([640, 360], (3, 1))
     small = np.where(np.arange(3)[:, None] == 1, size // 2, size)
-    assert run_boxes(CameraBoxes(world.detections, names, size), world.scene).warnings == ()
+    assert run_stages(CameraBoxes(world.detections, names, size), scene=world.scene).warnings == ()
     with pytest.raises(InvalidInputError, match="'east' has images of 320 x 180 px, but of 640 x"):
-        run_boxes(CameraBoxes(world.detections, names, small), world.scene)
+        run_stages(CameraBoxes(world.detections, names, small), scene=world.scene)
 
 
 def test_warnings_of_boxes_name_cameras_as_the_user_does():
     world = make_world(ring(3, image_size=(640, 360), people=3), frames=12, people=3)
     names, seen = ("north", "east", "south"), world.detections
-    dead = run_boxes(CameraBoxes(seen[seen.camera != 1], names), world.scene)
+    dead = run_stages(CameraBoxes(seen[seen.camera != 1], names), scene=world.scene)
     assert dead.warnings[0].startswith("Camera 'east' has not one box")
     boxes = CameraBoxes(seen, names, silent=np.array([[seen.frame[0], seen.camera[0]]]))
     with pytest.raises(InvalidInputError, match=f"camera {names[seen.camera[0]]!r} has no picture"):
-        run_boxes(boxes, world.scene)
+        run_stages(boxes, scene=world.scene)
 
 
 @pytest.mark.parametrize("names", [("C1", "C3"), ("C3", "north"), ("north", "south")])
@@ -301,7 +301,7 @@ def test_cameras_without_boxes_get_names_of_their_own(names, tmp_path):
     """A camera is numbered by its place in the scene, where another may have this name."""
     world = make_world(ring(3, image_size=(640, 360), people=3), frames=12, people=3)
     boxes = CameraBoxes(world.detections[world.detections.camera < 2], names)
-    outcome = run_boxes(boxes, world.scene)
+    outcome = run_stages(boxes, scene=world.scene)
     assert outcome.camera_names[:2] == names
     write_rig(tmp_path, world.scene, outcome.camera_names)
     assert read_scene(tmp_path / "scene.json")[1] == outcome.camera_names

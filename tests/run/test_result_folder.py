@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree._run._result_folder import numbers_of_files, write_results, write_rig
-from catfree._run._run import RunOutcome, run_boxes
+from catfree._run._run import RunOutcome, run_stages
 from catfree.adapters import SynchronizedVideos, read_mot, read_scene_json
 from catfree.adapters.datasets._detection_files import CameraBoxes, read_camera_boxes
 from catfree.methods._localize import localize
@@ -51,7 +51,7 @@ def boxes_with_a_gap():
 @pytest.mark.slow
 def test_boxes_are_written_with_the_numbers_they_had(tmp_path):
     boxes, scene = boxes_with_a_gap()
-    outcome = run_boxes(boxes, scene)
+    outcome = run_stages(boxes, scene=scene)
     write_results(tmp_path, outcome, pictures=False)
     for camera, name in enumerate(NAMES):
         own = boxes.detections.frame[boxes.detections.camera == camera]
@@ -65,20 +65,20 @@ def test_boxes_are_written_with_the_numbers_they_had(tmp_path):
 def test_numbered_boxes_take_the_names_of_the_scene(tmp_path):
     boxes, scene = boxes_with_a_gap()
     numbered = replace(boxes, camera_names=("C1", "C2", "C3"))
-    write_results(tmp_path, run_boxes(numbered, scene, scene_names=NAMES), pictures=False)
+    write_results(tmp_path, run_stages(numbered, scene=scene, scene_names=NAMES), pictures=False)
     assert {path.stem for path in (tmp_path / "boxes").iterdir()} == set(NAMES)
     again, names = read_camera_boxes(tmp_path), read_scene_json(tmp_path / "scene.json")[1]
     assert names == NAMES
-    assert run_boxes(again, tmp_path / "scene.json").camera_names == NAMES
-    assert run_boxes(numbered, scene).camera_names == numbered.camera_names
-    moved = run_boxes(numbered, scene, scene_names=("C3", "C1", "C2"))
+    assert run_stages(again, scene=tmp_path / "scene.json").camera_names == NAMES
+    assert run_stages(numbered, scene=scene).camera_names == numbered.camera_names
+    moved = run_stages(numbered, scene=scene, scene_names=("C3", "C1", "C2"))
     assert moved.camera_names == numbered.camera_names
 
 
 @pytest.mark.slow
 def test_the_report_lists_the_overlay_among_the_files(tmp_path):
     boxes, scene = boxes_with_a_gap()
-    outcome = run_boxes(boxes, scene)
+    outcome = run_stages(boxes, scene=scene)
     for overlay in (False, True):
         write_results(tmp_path, outcome, pictures=False, overlay=overlay)
         report = (tmp_path / "report.md").read_text()
@@ -134,7 +134,7 @@ def test_boxes_beside_a_rig_are_not_taken_for_those_of_a_run(tmp_path):
     write_rig(tmp_path, scene, ("a", "b", "c"))
     (tmp_path / "boxes").mkdir()
     (tmp_path / "boxes" / "a.txt").write_text("mine")
-    write_results(tmp_path, run_boxes(boxes, scene), pictures=False)
+    write_results(tmp_path, run_stages(boxes, scene=scene), pictures=False)
     assert (tmp_path / "boxes" / "a.txt").read_text() == "mine"
 
 

@@ -15,7 +15,7 @@ from hypothesis import given, strategies as st
 import catfree as cf
 from catfree._run import _stages
 from catfree._run._cache import content_hash
-from catfree._run._run import run_boxes
+from catfree._run._run import run_stages
 from catfree._run.sharded import _sites
 from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._sites import Site, read_sites, run_sites
@@ -497,7 +497,7 @@ def test_cameras_of_a_site_are_found_as_those_of_a_run_of_boxes(world, tmp_path,
     names = ("C1", "C2", "C3", "C4")
     boxes = dataclasses.replace(boxes, clock=cf.types.Clock(5.0))
     with pytest.raises(CalibrationError, match="that is enough"):
-        run_boxes(CameraBoxes(boxes, names, np.array(size), silent), settings=settings)
+        run_stages(CameraBoxes(boxes, names, np.array(size), silent), settings=settings)
     site = Site(
         "south", str(tmp_path / "boxes.npz"), image_size=size, frame_rate=5.0,
         silent=tuple(map(tuple, silent.tolist())),
