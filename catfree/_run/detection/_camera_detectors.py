@@ -5,11 +5,11 @@ import multiprocessing
 import os
 import pickle
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
@@ -32,7 +32,7 @@ from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Detector, FittedToCamera, Image
 from catfree.adapters.video._detect_videos import fit_to_camera, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
-from catfree.errors import CatFreeError, FileFormatError
+from catfree.errors import CatFreeError
 from catfree.types._annotations import Progress, no_progress
 
 T = TypeVar("T")
@@ -200,9 +200,9 @@ class CameraDetectors:
     def _in_processes(
         self, videos: SynchronizedVideos, work: InstantWork[T], first: int
     ) -> Iterator[Instant[T]]:
-        videos.interruption, done = None, first
+        videos.interruption = None
         _ = self.fitted  # in the processes
-        with self._running() as processes:
+        with self._running() as processes, contextlib.ExitStack() as stack:
             begun = [
                 process.submit(
                     _begin, videos, work, range(at, videos.camera_count, len(processes)), first
@@ -211,33 +211,25 @@ class CameraDetectors:
             ]
             for one in begun:
                 one.result()
-            answers = [
+            # All processes begin before the first answer is waited for.
+            ahead = [
                 deque(process.submit(_next_chunk) for _ in range(AHEAD)) for process in processes
             ]
-            try:
-                while True:
-                    chunks: list[_Answer] = [queue.popleft().result() for queue in answers]
-                    count = min(len(chunk.instants) for chunk in chunks)
-                    done += count
-                    for at in range(count):
-                        results = [chunk.instants[at] for chunk in chunks]
-                        joined = {key: one for _, some in results for key, one in some.items()}
-                        yield results[0][0], dict(sorted(joined.items()))
-                    if count < CHUNK:
-                        # As in one process, the first instant that fails ends the run.
-                        ended = [chunk for chunk in chunks if len(chunk.instants) == count]
-                        interruptions = [one.interruption for one in ended if one.interruption]
-                        errors = [one.error for one in ended if one.error]
-                        if interruptions:
-                            videos.interruption, videos.whole = interruptions[0], done
-                        elif errors:
-                            raise errors[0]
-                        return
-                    for process, queue in zip(processes, answers, strict=True):
-                        queue.append(process.submit(_next_chunk))
-            finally:
-                for future in (future for queue in answers for future in queue):
-                    future.cancel()
+            streams = [
+                stack.enter_context(contextlib.closing(_answers(*one)))
+                for one in zip(processes, ahead, strict=True)
+            ]
+            for done, parts in enumerate(zip(*streams, strict=True), start=first):
+                ends = [part for part in parts if isinstance(part, _End)]
+                if ends:
+                    # As in one process, where pictures are decoded before they are worked on.
+                    end = max(ends, key=lambda end: end.is_of_footage)
+                    if not end.is_of_footage:
+                        raise end.error
+                    videos.interruption, videos.whole = end.error, done
+                    return
+                results = (result for _, some in parts for result in some.items())
+                yield parts[0][0], dict(sorted(results))
 
     @contextlib.contextmanager
     def _running(self) -> Iterator[list[ProcessPoolExecutor]]:
@@ -277,21 +269,32 @@ def _remembering(detector: Detector) -> Detector:
     return replace(detector, memory=ForegroundMemory(detector.background.compare))
 
 
-class _Answer(NamedTuple):
-    """An answer of a process.
+class _End(NamedTuple):
+    """What a process says in place of an instant that it could not work on.
 
     Attributes:
-        instants: fewer than asked for at the end.
-        interruption: of the footage, which ended them.
-        error: of the work or the footage, which ended them.
+        error: of the work or the footage.
+        is_of_footage: whether the footage was interrupted there.
     """
 
-    instants: list[Instant[Any]]
-    interruption: FileFormatError | None
-    error: Exception | None
+    error: Any
+    is_of_footage: bool
 
 
-# Filled only in worker processes: the detectors of its cameras, the footage and the present work.
+def _answers(
+    process: ProcessPoolExecutor, chunks: deque[Future[list[Any]]]
+) -> Generator[Any, None, None]:
+    """Yield the instants of a process, each an `Instant` or the `_End`, and ask for more."""
+    try:
+        while chunk := chunks.popleft().result():
+            yield from chunk
+            chunks.append(process.submit(_next_chunk))
+    finally:
+        for future in chunks:
+            future.cancel()
+
+
+# Filled only in worker processes: the detectors of its cameras, and the instants to work on.
 _worker: dict[str, Any] = {"detectors": {}}
 
 
@@ -299,21 +302,13 @@ def _fit_here(
     videos: SynchronizedVideos, detector: FittedToCamera, camera: int, known: Detector | None
 ) -> Detector:
     """Fit a camera unless its detector is known; keep it, and return it without its memory."""
-    waiting = 0
-
-    def report() -> None:
-        nonlocal waiting
-        waiting += 1
-        if waiting == CHUNK:
-            from_parent["reports"].put(waiting)
-            waiting = 0
-
     try:
-        fitted = fit_to_camera(videos, detector, camera, report) if known is None else known
+        fitted = known
+        if fitted is None:
+            report = partial(from_parent["reports"].put, 1)
+            fitted = fit_to_camera(videos, detector, camera, report)
     except Exception as error:
         raise _sendable(error) from None
-    if waiting:
-        from_parent["reports"].put(waiting)
     _worker["detectors"][camera] = fitted
     if isinstance(fitted, FittedBackgroundDetector):
         return replace(fitted, memory=None)
@@ -326,22 +321,20 @@ def _fit_here(
 
 
 def _begin(videos: SynchronizedVideos, work: InstantWork[Any], cameras: range, first: int) -> None:
-    detectors = _worker["detectors"]
-    _worker["videos"] = videos
-    _worker["instants"] = (
-        (frame, work(detectors, frame, pictures))
-        for frame, pictures in videos.pictures_from(first, cameras)
-    )
+    def instants() -> Iterator[Any]:
+        try:
+            for frame, pictures in videos.pictures_from(first, cameras):
+                yield frame, work(_worker["detectors"], frame, pictures)
+        except Exception as error:
+            yield _End(_sendable(error), False)
+        if videos.interruption is not None:
+            yield _End(videos.interruption, True)
+
+    _worker["instants"] = instants()
 
 
-def _next_chunk() -> _Answer:
-    instants: list[Instant[Any]] = []
-    failure = None
-    try:
-        instants.extend(islice(_worker["instants"], CHUNK))  # keeps those before an error
-    except Exception as error:
-        failure = _sendable(error)
-    return _Answer(instants, _worker["videos"].interruption, failure)
+def _next_chunk() -> list[Any]:
+    return list(islice(_worker["instants"], CHUNK))
 
 
 def _can_be_sent(value: Any) -> bool:
