@@ -24,6 +24,7 @@ from catfree._run._stages import (
     detect_again,
     localize_people,
     reconstruct,
+    refine_cameras,
 )
 from catfree._run.detection._cached_detection import detect_with_cache
 from catfree._run.detection._camera_detectors import CameraDetectors
@@ -45,6 +46,7 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._processes import require_own_process
+from catfree.types._rig import require_pinholes
 from catfree.types._validation import as_count, require_instance, require_no_boxes
 
 _ONLY_FROM_PEOPLE = (
@@ -114,6 +116,7 @@ def run(
     scene_names: Sequence[str] | None = None,
     maximum_offset: int = 0,
     anchors: Sequence[Anchor] = (),
+    refine: bool = False,
     workers: int = 1,
 ) -> Localization:
     """Track people on the ground from the videos of several static cameras.
@@ -127,7 +130,8 @@ def run(
         detector: finds people in an image; None for `BackgroundDetector`, which needs no weights.
         embedder: computes appearance embeddings; None for `ColorEmbedder` with a
             `BackgroundDetector`, and for no appearance with other detectors.
-        reconstructor: finds the cameras from the images of one instant.
+        reconstructor: finds the cameras from the images of one instant; they are then adjusted to
+            the people as by `refine`.
         scene: known cameras and ground: a `Scene`, what has one as its attribute `scene` (the
             result of `calibrate`, `refine` or an earlier run), or a file or folder that
             `read_scene` reads. Without scene and reconstructor both are found from the people in
@@ -145,6 +149,9 @@ def run(
             case.
         anchors: what is known about the site, when the cameras are found from people; see
             `calibrate`.
+        refine: adjust the cameras of `scene` to the people (`cf.refine`): for cameras from a
+            reconstruction, or that were moved a little since they were calibrated. Cameras that the
+            run finds are adjusted in any case.
         workers: spawned processes that detect people, at most one per camera, for detectors that
             learn each camera's background. In a script, more than one needs
             `if __name__ == "__main__":`.
@@ -176,6 +183,7 @@ def run(
         scene_names=scene_names,
         maximum_offset=maximum_offset,
         anchors=anchors,
+        refine=refine,
         workers=workers,
     ).localization
 
@@ -193,6 +201,7 @@ def run_stages(
     scene_names: Sequence[str] | None = None,
     maximum_offset: int = 0,
     anchors: Sequence[Anchor] = (),
+    refine: bool = False,
     workers: int = 1,
     unfinished: Unfinished | None = None,
 ) -> RunOutcome:
@@ -211,6 +220,7 @@ def run_stages(
         scene_names: as `run`.
         maximum_offset: as `run`.
         anchors: as `run`.
+        refine: as `run`.
         workers: as `run`.
         unfinished: receives partial results as soon as they are available.
 
@@ -250,6 +260,8 @@ def run_stages(
     if scene is not None:
         scene, recording, matched = match_cameras(scene, scene_names, recording)
         so_far.warnings += matched
+        if refine:
+            require_pinholes(scene.rig)
     cache = None if cache_dir is None else StageCache(cache_dir)
     calibration, is_known = None, scene is not None
     with contextlib.ExitStack() as stack:
@@ -289,6 +301,11 @@ def run_stages(
             if offset.any():
                 recording, detections = without_offsets(recording, detections, offset)
                 so_far.recording, so_far.detections = recording, detections
+        elif refine or reconstructor is not None:
+            scene, shortcoming = refine_cameras(
+                detections, scene, settings, cache=cache, progress=progress
+            )
+            so_far.warnings += shortcoming
         if cameras is not None and isinstance(recording, SynchronizedVideos):
             detections = detect_again(
                 recording,

@@ -22,11 +22,11 @@ from catfree.adapters.protocols import (
     Reconstructor,
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
-from catfree.calibration import Calibration
+from catfree.calibration import Calibration, refine
 from catfree.calibration._calibrate import refine_registered
 from catfree.calibration.people import Anchor, anchored, register, resolve_anchors
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
-from catfree.errors import CalibrationError, InvalidInputError
+from catfree.errors import CalibrationError, InsufficientDataError, InvalidInputError
 from catfree.methods._localize import localize
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
@@ -136,6 +136,34 @@ def reconstruct(
         lambda: scene_from_videos(videos, reconstructor, detections, progress),
         keys,
     )
+
+
+def refine_cameras(
+    detections: Detections,
+    scene: Scene,
+    settings: Settings,
+    *,
+    cache: StageCache | None = None,
+    progress: Progress | None = None,
+) -> tuple[Scene, tuple[str, ...]]:
+    """Second stage with inaccurate cameras: adjust them to the people.
+
+    Returns:
+        The refined scene; or, with a sentence that says why, the given one.
+    """
+    keys = (content_hash(detections), content_hash(scene))
+    try:
+        refined = cached(
+            cache,
+            "refinement",
+            Scene,
+            lambda: refine(detections, scene, settings, progress=progress).scene,
+            keys,
+            settings=dataclasses.asdict(settings),
+        )
+    except InsufficientDataError as error:
+        return scene, (f"The cameras were not adjusted to the people. {error}",)
+    return refined, ()
 
 
 def detect_again(

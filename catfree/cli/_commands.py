@@ -137,6 +137,7 @@ def run(
     keep_before_damage: bool = False,
     max_offset: int = 0,
     anchors: Path | None = None,
+    refine: bool = False,
     pictures: bool = True,
     overlay: bool = False,
     blur: bool = False,
@@ -168,6 +169,7 @@ def run(
             when the cameras are found from people.
         anchors: JSON file of known lengths, cameras and points, when the cameras are found from
             people.
+        refine: adjust the cameras of the scene to the people.
         pictures: draw plots, and write pictures of the cameras for the report.
         overlay: write a video of all cameras with the tracks drawn in.
         blur: make people unrecognizable in pictures and overlay.
@@ -216,6 +218,7 @@ def run(
             scene_names=names,
             maximum_offset=max_offset,
             anchors=known_anchors,
+            refine=refine,
             workers=processor_count() if workers is None else workers,
             unfinished=unfinished,
         )
@@ -257,6 +260,7 @@ def localize(
     cache: Path | None = None,
     max_offset: int = 0,
     anchors: Path | None = None,
+    refine: bool = False,
     pictures: bool = True,
 ) -> None:
     """Track the people whose boxes in several static cameras are given.
@@ -279,6 +283,7 @@ def localize(
             when the cameras are found from people.
         anchors: JSON file of known lengths, cameras and points, when the cameras are found from
             people.
+        refine: adjust the cameras of the scene to the people.
         pictures: draw plots.
     """
     from catfree._run._result_folder import write_results
@@ -300,6 +305,7 @@ def localize(
             scene_names=names,
             maximum_offset=max_offset,
             anchors=known_anchors,
+            refine=refine,
         )
     write_results(out, outcome, settings, pictures=None if pictures else False)
     print_result(outcome, out)

@@ -564,6 +564,45 @@ def test_videos_in_another_order_give_the_same_people(pictures):
     np.testing.assert_array_equal(other.scene.rig.t, np.asarray(given.scene.rig.t)[::-1])
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("settings", [Settings(), Settings.paper()], ids=["evidence", "paper"])
+def test_refined_cameras_are_those_of_refine(settings, tmp_path):
+    world = make_world("ring5", 3, frames=12)
+    boxes = CameraBoxes(world.detections, tuple("abcde"), np.asarray(world.scene.rig.image_size))
+    refined = cf.refine(world.detections, world.scene, settings).scene
+    assert not same_content(refined, world.scene)
+    for _ in range(2):  # computed, and from the cache
+        found = run_stages(
+            boxes, scene=world.scene, settings=settings, refine=True, cache_dir=tmp_path
+        )
+        assert same_content(found.scene, refined)
+        assert same_content(
+            found.localization.tracks, localize(world.detections, refined, settings).tracks
+        )
+    given = run_stages(boxes, scene=world.scene, settings=settings)
+    assert same_content(given.scene, world.scene)
+
+
+@pytest.mark.slow
+def test_cameras_of_a_reconstruction_are_adjusted_to_the_people(pictures, monkeypatch):
+    world = small_world()
+    monkeypatch.setattr("catfree._run._run.reconstruct", lambda *_, **__: world.scene)
+    detector, settings = ReadsItsPicture(world.detections), Settings.paper()
+    found = run_stages(pictures, detector, reconstructor=Unused(), settings=settings)
+    refined = cf.refine(found.detections, world.scene, settings).scene
+    assert not same_content(refined, world.scene)
+    assert same_content(found.scene, refined)
+
+
+def test_cameras_that_share_nobody_stay_as_given():
+    scene = small_world().scene
+    boxes = Detections([0, 1], [0, 1], [[100.0, 20, 140, 120], [100.0, 20, 140, 120]])
+    given = CameraBoxes(boxes, ("a", "b", "c"), np.asarray(scene.rig.image_size))
+    found = run_stages(given, scene=scene, refine=True)
+    assert same_content(found.scene, scene)
+    assert found.warnings[0].startswith("The cameras were not adjusted to the people. No person")
+
+
 def test_anchors_are_for_cameras_found_from_people():
     known = [KnownCamera(0, height=4.0)]
     with pytest.raises(InvalidInputError, match="found from people"):
