@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 import catfree
 from catfree._run._cache import load_value
+from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._identities import Identities, Pairs, identify_recording
 from catfree._run.sharded._overlap import ShardPositions, match_tracks
 from catfree._run.sharded._plan_file import read_plan
@@ -21,7 +22,6 @@ from catfree._run.sharded._receipt import (
     PLAN,
     WORK_FOLDER,
     Receipt,
-    evidence_settings,
     files_of,
     read_receipt,
     remove_beyond,
@@ -40,6 +40,7 @@ from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._parquet import open_dataset, read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.methods.evidence.report._working_area import usual_place
+from catfree.settings import Settings
 from catfree.types import Tracks
 from catfree.types.results._arrow_table import symmetric
 
@@ -230,7 +231,7 @@ def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
     Returns:
         None if the working area is switched off, or the method knows none.
     """
-    settings = evidence_settings(receipts[0])
+    settings = from_json(Settings, receipts[0].settings, "settings").evidence
     heights = [receipt.person_height for receipt in receipts if receipt.person_height is not None]
     if not settings.working_area or not heights:
         return None
