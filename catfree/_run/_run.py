@@ -209,7 +209,7 @@ def run_stages(
 
     Args:
         videos: as `run`, or the boxes of all cameras, with the sizes of their images if there is no
-            scene; detector, embedder and workers are not used then.
+            scene; nobody is detected then.
         detector: as `run`.
         embedder: as `run`.
         reconstructor: as `run`.

@@ -5,15 +5,16 @@ import itertools
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 import catfree
 from catfree._run._cache import load_value
+from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._identities import Identities, Pairs, identify_recording
-from catfree._run.sharded._overlap import ShardPositions, match_tracks
+from catfree._run.sharded._overlap import match_tracks
 from catfree._run.sharded._plan_file import read_plan
 from catfree._run.sharded._receipt import (
     MANIFEST,
@@ -21,7 +22,6 @@ from catfree._run.sharded._receipt import (
     PLAN,
     WORK_FOLDER,
     Receipt,
-    evidence_settings,
     files_of,
     read_receipt,
     remove_beyond,
@@ -40,8 +40,11 @@ from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._parquet import open_dataset, read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.methods.evidence.report._working_area import usual_place
+from catfree.settings import Settings
 from catfree.types import Tracks
-from catfree.types.results._arrow_table import symmetric
+
+if TYPE_CHECKING:
+    import pyarrow
 
 # From the columns `PLACES` to whether each position is in the working area.
 Area = Callable[[Float[np.ndarray, " m"], Float[np.ndarray, " m"]], Bool[np.ndarray, " m"]]
@@ -192,36 +195,21 @@ def read_receipts(folder: Path) -> list[Receipt]:
 def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
     """Match two neighboring shards in the frames that both saw."""
     one, two = (
-        _positions(folder, receipt, later.first_seen, earlier.stop_seen)
+        Tracks.from_arrow(_rows(folder, receipt, later.first_seen, earlier.stop_seen))
         for receipt in (earlier, later)
     )
     return match_tracks(one, two)
 
 
-def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> ShardPositions:
-    names = ["frame", "track_id", "x", "y", "cov_xx", "cov_xy", "cov_yy"]
-    column = _columns(folder, receipt, names, first, stop)
-    covariance = symmetric(column, "cov")
-    tracked = column["track_id"] >= 0
-    return ShardPositions(
-        column["frame"][tracked],
-        column["track_id"][tracked],
-        np.stack([column["x"], column["y"]], axis=-1)[tracked],
-        covariance[tracked],
-    )
-
-
-def _columns(
-    folder: Path, receipt: Receipt, names: list[str], first: int, stop: int
-) -> dict[str, np.ndarray]:
-    """Read columns of a shard's table for the frames from `first` to before `stop`."""
-    path = files_of(folder, receipt.index).part
-    opened = open_dataset([str(path)])
+def _rows(
+    folder: Path, receipt: Receipt, first: int, stop: int, names: list[str] | None = None
+) -> "pyarrow.Table":
+    """Read a shard's table for the frames from `first` to before `stop`, or columns of it."""
+    opened = open_dataset([str(files_of(folder, receipt.index).part)])
     import pyarrow.dataset
 
     field = pyarrow.dataset.field("frame")
-    table = opened.to_table(columns=names, filter=(field >= first) & (field < stop))
-    return {name: table[name].to_numpy() for name in names}
+    return opened.to_table(columns=names, filter=(field >= first) & (field < stop))
 
 
 def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
@@ -230,14 +218,15 @@ def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
     Returns:
         None if the working area is switched off, or the method knows none.
     """
-    settings = evidence_settings(receipts[0])
+    settings = from_json(Settings, receipts[0].settings, "settings").evidence
     heights = [receipt.person_height for receipt in receipts if receipt.person_height is not None]
     if not settings.working_area or not heights:
         return None
     every = -(-(receipts[-1].stop - receipts[0].first) // INSTANTS)
     kinds, places, last = ["x", "y", *PLACES], [], -1
     for receipt in receipts:
-        column = _columns(folder, receipt, ["frame", *kinds], receipt.first, receipt.stop)
+        table = _rows(folder, receipt, receipt.first, receipt.stop, ["frame", *kinds])
+        column = {name: table[name].to_numpy() for name in table.column_names}
         # The first frame with anybody in each stretch of `every` frames.
         present = np.unique(column["frame"])
         stretch, first = np.unique(present // every, return_index=True)

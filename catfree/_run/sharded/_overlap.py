@@ -2,11 +2,11 @@
 
 import math
 
-import equinox as eqx
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from catfree._run._stitch import best_assignment
+from catfree.types import Tracks
 from catfree.types._sampling import equal_pairs
 
 # Two positions of one person rest on the same boxes: they are closer than this in all but one of a
@@ -14,24 +14,8 @@ from catfree.types._sampling import equal_pairs
 GATE = -2 * math.log(0.001)
 
 
-class ShardPositions(eqx.Module):
-    """Positions of one shard within an overlap, sorted by frame.
-
-    Attributes:
-        frame: (M,) frame.
-        track_id: (M,) identity within the shard.
-        xy: (M, 2) ground coordinates in scene units.
-        covariance: (M, 2, 2) of them.
-    """
-
-    frame: Int[np.ndarray, " m"]
-    track_id: Int[np.ndarray, " m"]
-    xy: Float[np.ndarray, "m 2"]
-    covariance: Float[np.ndarray, "m 2 2"]
-
-
 def match_tracks(
-    earlier: ShardPositions, later: ShardPositions
+    earlier: Tracks, later: Tracks
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
     """Find the pairs of tracks that are one person.
 
@@ -39,16 +23,17 @@ def match_tracks(
     Mahalanobis distance is than the gate. A one-to-one assignment maximizes the sum of gains.
 
     Args:
-        earlier: positions of the earlier shard.
-        later: positions of the later one, of the same frames.
+        earlier: positions of the earlier shard in the frames that both saw.
+        later: those of the later one.
 
     Returns:
         The identities of each pair in either shard, in order of the first.
     """
+    earlier, later = (tracks[tracks.track_id >= 0] for tracks in (earlier, later))
     i, j = equal_pairs(earlier.frame, later.frame)
     if not len(i):
         return i, j
-    offset = later.xy[j] - earlier.xy[i]
+    offset = later.ground_xy[j] - earlier.ground_xy[i]
     spread = later.covariance[j] + earlier.covariance[i]
     solved = np.linalg.solve(spread, offset[..., None])[..., 0]
     gain = GATE - (offset * solved).sum(-1)

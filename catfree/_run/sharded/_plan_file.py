@@ -5,13 +5,11 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._shard import Shard
 from catfree.adapters.files._documents import StrPath, document_of, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError, quoted
-from catfree.types import Clock
-from catfree.types._validation import require_declared_types
 
 METHODS = ("default", "paper", "evidence")
 _SCHEMA = "catfree plan 1"
@@ -82,15 +80,12 @@ def read_plan(path: StrPath) -> PlanFile:
         FileFormatError: if it is damaged or of another version.
     """
     with document_of(path, _SCHEMA, "plan", "Make it again with catfree plan.") as document:
-        document.setdefault("unit", PlanFile.unit)  # which earlier plans do not have
-        values = {field.name: document[field.name] for field in dataclasses.fields(PlanFile)}
-        values["shards"] = tuple(map(_shard, values["shards"]))
-        require_declared_types(PlanFile, values)
-        if values["method"] not in METHODS:
-            raise InvalidInputError(f"method is {quoted(values['method'])}")
-        if [shard.index for shard in values["shards"]] != list(range(len(values["shards"]))):
+        plan = from_json(PlanFile, document, "plan")
+        if plan.method not in METHODS:
+            raise InvalidInputError(f"method is {quoted(plan.method)}")
+        if [shard.index for shard in plan.shards] != list(range(len(plan.shards))):
             raise InvalidInputError("its shards are not in order")
-        return PlanFile(**values)
+        return plan
 
 
 def shard_at(plan: Sequence[Shard], index: int) -> Shard:
@@ -104,18 +99,3 @@ def shard_at(plan: Sequence[Shard], index: int) -> Shard:
             f"There is no shard {index}: the plan has {len(plan)} shards, counted from 0."
         )
     return plan[index]
-
-
-def _shard(row: dict[str, Any]) -> Shard:
-    values = dict(row)
-    values["clock"] = Clock(**values["clock"])
-    values["videos"] = tuple(map(str, values["videos"]))
-    values["camera_names"] = tuple(map(str, values.get("camera_names", ())))
-    offsets = values["offsets"]
-    values["offsets"] = None if offsets is None else tuple(map(int, offsets))
-    silent = [tuple(map(int, stretch)) for stretch in values.get("silent", ())]
-    if any(len(stretch) != 3 for stretch in silent):
-        raise InvalidInputError("silent must hold camera, first frame and the frame after the last")
-    values["silent"] = tuple(silent)
-    require_declared_types(Shard, values)
-    return Shard(**values)

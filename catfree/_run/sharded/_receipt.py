@@ -2,18 +2,18 @@
 
 import dataclasses
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._shard import Shard
 from catfree.adapters.files._documents import StrPath, document_of, write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.settings import EvidenceSettings
+from catfree.settings import Settings
 from catfree.types import Clock
-from catfree.types._validation import as_number, as_path, require_declared_types
+from catfree.types._validation import as_number, as_path
 
 SCHEMA = "catfree shards 3"  # of receipts and the tables beside them
 MANIFEST_SCHEMA = "catfree shards 1"  # of joined tables
@@ -170,24 +170,6 @@ def require_scene_file(folder: Path, sha256: Any) -> Path:
     return path
 
 
-def evidence_settings(receipt: Receipt) -> EvidenceSettings:
-    """The settings of the evidence method that a shard was made with.
-
-    Raises:
-        FileFormatError: if the receipt does not hold them.
-    """
-    try:
-        constants: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in receipt.settings["evidence"].items()
-        }
-        return EvidenceSettings(**constants)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(
-            f"The settings in the receipt of shard {receipt.index} are damaged. Run it again."
-        ) from error
-
-
 def write_receipt(path: Path, receipt: Receipt) -> None:
     """Write a receipt."""
     write_text_atomically(path, json.dumps(dataclasses.asdict(receipt), indent=1) + "\n")
@@ -201,22 +183,12 @@ def read_receipt(path: Path) -> Receipt:
         FileFormatError: if it is damaged or of another version.
     """
     with document_of(path, SCHEMA, "receipt", "Run this shard again.") as document:
-        values = {field.name: document[field.name] for field in dataclasses.fields(Receipt)}
-        require_declared_types(Receipt, values)
-        Clock(**values["clock"])
-        for name, value in values.items():
+        receipt = from_json(Receipt, document, "receipt")
+        if not receipt.settings:
+            raise InvalidInputError("it has no settings")
+        from_json(Clock, receipt.clock, "clock")
+        from_json(Settings, receipt.settings, "settings")
+        for name, value in vars(receipt).items():
             if isinstance(value, float):
                 as_number(value, name)
-        if _holds_nan(values["settings"]):
-            raise InvalidInputError("a setting is NaN")
-        for name in ("warnings", "verdicts"):
-            values[name] = tuple(map(str, values[name]))
-        values["cameras"] = tuple(map(int, values["cameras"]))
-        return Receipt(**values)
-
-
-def _holds_nan(value: Any) -> bool:
-    """Return whether there is NaN anywhere; infinity may be a setting."""
-    if isinstance(value, dict | list):
-        return any(map(_holds_nan, value.values() if isinstance(value, dict) else value))
-    return isinstance(value, float) and math.isnan(value)
+        return receipt

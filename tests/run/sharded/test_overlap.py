@@ -3,7 +3,8 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree._run.sharded._overlap import GATE, ShardPositions, match_tracks
+from catfree._run.sharded._overlap import GATE, match_tracks
+from catfree.types import Origin, Tracks
 
 SIGMA = 0.1
 
@@ -11,8 +12,17 @@ SIGMA = 0.1
 def positions(rows):
     rows = np.asarray(rows, float).reshape(-1, 4)
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    covariance = np.tile(SIGMA**2 * np.eye(2), (len(rows), 1, 1))
-    return ShardPositions(rows[:, 0].astype(int), rows[:, 1].astype(int), rows[:, 2:], covariance)
+    count = len(rows)
+    return Tracks(
+        frame=rows[:, 0].astype(int),
+        track_id=rows[:, 1].astype(int),
+        position=np.zeros((count, 3)),
+        ground_xy=rows[:, 2:],
+        sigma=np.full(count, SIGMA),
+        covariance=np.tile(SIGMA**2 * np.eye(2), (count, 1, 1)),
+        supporting_cameras=np.zeros(count, int),
+        origin=np.full(count, int(Origin.DETECTED)),
+    )
 
 
 @given(st.integers(1, 6), st.integers(1, 20), st.randoms(use_true_random=False))

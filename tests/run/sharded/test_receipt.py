@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
+from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._receipt import SCHEMA, Receipt, read_receipt, write_receipt
 from catfree.errors import FileFormatError
 from catfree.settings import CalibrationSettings, Settings
@@ -95,3 +96,21 @@ def test_an_entry_that_is_missing_is_damage(tmp_path):
     path.write_text(path.read_text().replace('"boxes_used"', '"used"'))
     with pytest.raises(FileFormatError, match=r"a\.json is damaged .it lacks 'boxes_used'.\. Run"):
         read_receipt(path)
+
+
+@pytest.mark.parametrize("settings", [Settings(), Settings.paper()])
+def test_settings_come_back_from_json(settings):
+    document = json.loads(json.dumps(dataclasses.asdict(settings)))
+    assert from_json(Settings, document, "settings") == settings
+
+
+@pytest.mark.parametrize(
+    ("hint", "value"),
+    [
+        (int, True), (int, 1.0), (float, "1"), (str, 1), (tuple[int, int], [1]),
+        (tuple[int, ...], [1, "2"]), (str | None, 3), (Clock, {"frame_rate": 0}), (Clock, []),
+    ],
+)  # fmt: skip
+def test_values_of_another_type_are_refused(hint, value):
+    with pytest.raises((ValueError, KeyError)):
+        from_json(hint, value, "it")
