@@ -113,7 +113,8 @@ def order_like(
         match.
 
     Raises:
-        InvalidInputError: if the scene has more cameras, and names do not tell which are meant.
+        InvalidInputError: if names do not tell which cameras are meant, and the scene has more, or
+            one of the names is that of a camera in another place.
         InsufficientDataError: if a single camera of several is meant.
     """
     if names is None:
@@ -143,7 +144,9 @@ def order_like(
         return replace(scene, rig=scene.rig.select(order)), tuple(warnings)
     if kind != "videos" and is_numbered(wanted):  # default names; those of videos are of files
         return scene, ()
-    if len(wanted) < len(given):
+    place = [positions_of([name], given) for name in wanted]
+    contradicts = any(found not in (None, [at]) for at, found in enumerate(place))
+    if len(wanted) < len(given) or contradicts:
         raise InvalidInputError(
             f"The scene has the cameras {', '.join(given)}, but there are {kind} of "
             f"{', '.join(wanted)}, which are not all among them. Rename one like the other."

@@ -21,7 +21,7 @@ def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
     Args:
         rows: (N, 4) frame, identity, x, y in meters; anything empty counts as (0, 4).
         name: name of the rows in error messages.
-        identified: require identities to be whole numbers, each at most once per frame.
+        identified: require identities to be whole numbers below 2^53, each at most once per frame.
 
     Returns:
         (N, 4) float64.
@@ -49,6 +49,8 @@ def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
     too_large = np.abs(array[:, 0]) >= 2.0**63
     refuse(too_large, array, name, ": its frame must be a whole number of at most 63 bits.")
     if identified:
+        inexact = np.abs(array[:, 1]) >= 2.0**53
+        refuse(inexact, array, name, ": its id must be below 2^53. Number people from 0.")
         _, first = np.unique(array[:, :2], axis=0, return_index=True)
         repeated = np.ones(len(array), dtype=bool)
         repeated[first] = False

@@ -269,6 +269,7 @@ def test_empty_inputs():
         ([], [[0, 1, 0, 0], [1, 1, 5, 0], [0, 1, 9, 9]], r"predictions\[2\].*already"),
         ([[0, 0.5, 0, 0]], [], r"ground_truth\[0\].*frame and id must be whole"),
         ([[0, math.nan, 0, 0]], [], r"ground_truth\[0\].*finite"),
+        ([[0, 2**53, 0, 0], [1, 2**53 + 1, 0, 0]], [], r"\[0\].*id must be below 2\^53"),
     ],
 )
 @pytest.mark.parametrize("function", [evaluation.tracking_metrics, evaluation.hota])

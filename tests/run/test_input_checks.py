@@ -150,9 +150,11 @@ def test_names_that_do_not_fit_are_told_and_default_ones_are_not(clips):
     scene = make_layout("ring4", 0).scene
     scene = type(scene)(scene.rig.select([0, 1]), scene.ground, scene.extent, scene.metric)
     videos = SynchronizedVideos([clips["a"], clips["b"]])
-    same, (said,) = order_like(scene, ["b", "north"], videos.camera_names)
+    same, (said,) = order_like(scene, ["a", "north"], videos.camera_names)
     assert same is scene
-    assert "names its cameras b, north, the videos are a, b" in said
+    assert "names its cameras a, north, the videos are a, b" in said
+    with pytest.raises(InvalidInputError, match=r"cameras b, north, .* a, b, which are not all"):
+        order_like(scene, ["b", "north"], videos.camera_names)
     assert order_like(scene, ["C1", "C2"], videos.camera_names) == (scene, ())
     # Videos whose files are named like default cameras have these names.
     same, (said,) = order_like(scene, ["north", "south"], ["C1", "C2"])

@@ -186,7 +186,7 @@ def _row_of(words: Sequence[str], names: list[str], path: Path, line: int) -> li
             value = math.nan
         whole = name not in ("x", "y")
         if not math.isfinite(value) or (whole and (value != round(value) or abs(value) >= 2**53)):
-            kind = "a whole number" if whole else "a finite number"
+            kind = "a whole number below 2^53" if whole else "a finite number"
             raise FileFormatError(f"{path}: {name} in line {line} is {quoted(word)}, not {kind}.")
         row.append(value)
     return row

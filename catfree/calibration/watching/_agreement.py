@@ -138,7 +138,8 @@ class _Equations(NamedTuple):
         """Build them from linearized boxes.
 
         Args:
-            slope: of the angles of each box by its camera's errors, place and height.
+            slope: of the angles of each box by its camera's errors, place and height (all lengths
+                in person heights).
             residual: measured less predicted angles.
             precision: of these, 0 where there is no box.
             held: precision of the prior of each height.
@@ -229,15 +230,16 @@ def _solve(
     place = corrected_place(sights, np.arange(count), present)
     value, slopes = linear(moved, velocity, place[camera])
     slopes[..., CENTER] *= sights.unit
+    slopes[..., PARAMETERS:] *= sights.unit  # so that any unit of length gives the same
     slope[row, camera], residual[row, camera] = slopes, boxes.angle[box] - value
     sd = noise * boxes.size[box, None] + FLOOR
     precision[row, camera] = np.where(boxes.whole[box], sd**-2.0, 0.0)
     used = (precision[..., 0] > 0).sum(-1) >= 2
     precision *= used[:, None, None]
-    tall = people.state[person, 2]
+    tall = people.state[person, 2] / sights.unit
     held = (HEIGHT_SD * tall) ** -2.0
     theta, known = present.ravel(), prior(count)
-    pull = held * (tall - state[:, 2])
+    pull = held * (tall - state[:, 2] / sights.unit)
     equations = _Equations.of(slope, residual, precision, held, pull)
     step, shift = np.zeros(p), np.zeros((m, 3))
     for again in range(REWEIGHTED):
@@ -253,6 +255,5 @@ def _solve(
         shift = equations.solution[..., p] - equations.solution[..., :p] @ step
     step = step.reshape(count, PARAMETERS)
     step[:, TURN] = np.clip(step[:, TURN], -LARGEST_STEP, LARGEST_STEP)
-    reach = FARTHEST * sights.unit
-    placed = state + np.clip(shift, -reach, reach)
+    placed = state + sights.unit * np.clip(shift, -FARTHEST, FARTHEST)
     return _Solved(matches, used, equations, present, present + step, placed)

@@ -389,11 +389,11 @@ class _Judge:
         _, slope = linear(people.state[person], people.velocity[person], place)
         moved = slope[:, :, :3] @ turn
         angle = np.hypot(moved[:, 0], moved[:, 2])
-        foot = slope[:, [0, 2]][:, :, PARAMETERS : PARAMETERS + 2]
+        foot = sights.unit * slope[:, [0, 2]][:, :, PARAMETERS : PARAMETERS + 2]
         usable = np.abs(np.linalg.det(foot)) > 1e-12
         shift = np.linalg.solve(foot[usable], moved[usable][:, [0, 2], None])[..., 0]
         pixels_per_radian = np.median(boxes.height[mine] / boxes.size[mine])
-        distance = np.linalg.norm(shift, axis=-1)
+        distance = sights.unit * np.linalg.norm(shift, axis=-1)
         ground = float(np.median(distance)) if len(distance) else float("nan")
         return float(angle.mean() * pixels_per_radian), ground
 

@@ -34,10 +34,10 @@ def watch(
 ) -> Iterator[Record]:
     """Yield records of positions for lines of boxes, each as soon as it is known.
 
-    A line is a JSON object for one frame of one camera: `camera` (name or index), `time` (seconds,
-    or an ISO 8601 date and time with its zone), `boxes` (x1, y1, x2, y2 in pixels each) and, if
-    there are any, `scores` and `embeddings`, one per box. A frame without people needs its line,
-    too: a camera without a line said nothing.
+    A line is a JSON object for one frame of one camera: `camera` (name, or index where no name is a
+    number), `time` (seconds, or an ISO 8601 date and time with its zone), `boxes` (x1, y1, x2, y2
+    in pixels each) and, if there are any, `scores` and `embeddings`, one per box. A frame without
+    people needs its line, too: a camera without a line said nothing.
 
     Args:
         lines: any source of text: a file, standard input, a generator fed by a broker.
@@ -228,10 +228,11 @@ def parse_frame(line: str, camera_names: Sequence[str]) -> tuple[int, float, Det
 
 
 def _camera(value: Any, names: Sequence[str]) -> int:
-    """The index of a camera that is named or counted."""
-    if isinstance(value, str) and value in names:
-        return list(names).index(value)
-    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < len(names):
+    """The index of a camera that is named or counted; numbers are names where a name is one."""
+    if isinstance(value, str | int) and str(value) in names:
+        return list(names).index(str(value))
+    counted = not any(name.isdecimal() for name in names)
+    if counted and type(value) is int and 0 <= value < len(names):
         return value
     raise InvalidInputError(f"There is no camera {quoted(value)}; there are {', '.join(names)}.")
 

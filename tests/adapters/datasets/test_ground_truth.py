@@ -115,6 +115,7 @@ def test_truth_and_tracks_are_read_alike(identity, separator, tmp_path):
         ("frame,id,x,y\n0,1,2,3\n1,1,nan,3\n", r"truth\.csv: x in line 3 is 'nan'"),
         ("frame,id,x,y\n0.5,1,2,3\n", "frame in line 2 is '0.5', not a whole number"),
         ("frame,id,x,y\n0,,2,3\n", "id in line 2 is '', not a whole number"),
+        ("frame,id,x,y\n9007199254740993,1,2,3\n", r"'9007199254740993', not .* below 2\^53"),
         ("frame,id,x,y\n1,-1,0,0\n1,-1,5,0\n1,3,1,2\n2,3,1,2\n1,3,3,2\n", "lines 4 and 6 both say"),
         ("frame,id,x,y\n0,1,2," + "3" * 200_000, "line 2 is not valid CSV"),
     ],

@@ -9,6 +9,7 @@ from hypothesis import given, strategies as st
 from catfree.calibration.watching._agreement import _Equations, solve_window
 from catfree.calibration.watching._matching import best, corrected_place, match_boxes
 from catfree.calibration.watching._sights import PARAMETERS, TURN, sights
+from catfree.geometry import Similarity, transform_scene
 from catfree.methods import localize
 from catfree.synthetic import make_world
 from catfree.types import Detections
@@ -43,6 +44,14 @@ def test_a_window_tells_of_a_turn_that_it_starts_without(seen):
     found = solve_window(seen, 0, 20, wrong, NOISE).errors
     off = [np.linalg.norm(one[TURN] - found[0, TURN]) for one in found]
     assert max(off) < 0.5 * np.linalg.norm(turn)
+
+
+def test_the_unit_of_length_does_not_matter(seen):
+    larger = transform_scene(Similarity(1e5, np.eye(3), np.zeros(3)), seen.scene, metric=False)
+    scaled = sights(larger, seen.detections, localize(seen.detections, larger).tracks)
+    one, other = (solve_window(s, 0, 20, np.zeros((4, PARAMETERS)), NOISE) for s in (seen, scaled))
+    np.testing.assert_allclose(other.errors, one.errors, atol=1e-6)
+    np.testing.assert_allclose(other.matrix, one.matrix, rtol=1e-3, atol=1e-4 * one.matrix.max())
 
 
 @given(st.integers(0, 5), st.integers(1, 4), st.integers(0, 2**32 - 1))

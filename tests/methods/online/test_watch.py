@@ -54,6 +54,9 @@ def test_a_line_is_read():
     np.testing.assert_array_equal(detections.score, [0.5])
     np.testing.assert_array_equal(detections.embedding, [[0.6, 0.8]])
     assert parse_frame(line(2, 7, []), NAMES)[0] == 2
+    assert parse_frame(line(2, 7, []), ["1", "2", "3"])[0] == 1
+    with pytest.raises(InvalidInputError, match="no camera 0; there are 1, 2, 3"):
+        parse_frame(line(0, 7, []), ["1", "2", "3"])
 
 
 @pytest.mark.parametrize(

@@ -174,6 +174,6 @@ def pinholes_towards(
 
 def _inverse(matrix: np.ndarray, registered: np.ndarray) -> np.ndarray:
     """Invert each 3x3 map; identity for cameras that are unregistered or in that plane."""
-    scale = np.abs(matrix).max((-1, -2), keepdims=True)
-    good = registered & (np.abs(np.linalg.det(matrix / scale)) > 1e-12)
+    largest = np.linalg.norm(matrix, axis=-2).prod(-1)  # determinant, in any unit of length
+    good = registered & (np.abs(np.linalg.det(matrix)) > 1e-12 * largest)
     return np.linalg.inv(np.where(good[:, None, None], matrix, np.eye(3)))
