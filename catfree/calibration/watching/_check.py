@@ -380,7 +380,7 @@ class _Judge:
         """Mean displacement of people by a turn, in pixels and on the ground."""
         sights = self.watched.sights
         people, boxes = sights.people, sights.boxes
-        person = np.flatnonzero(people.support[:, camera] >= 0)
+        person = np.flatnonzero(people.seen[:, camera])
         mine = boxes.of_camera(camera)
         if not len(person) or not len(boxes.size[mine]):
             return float("nan"), float("nan")

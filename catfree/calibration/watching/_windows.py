@@ -1,7 +1,7 @@
 """A recording in windows: what each says about the cameras' errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -9,12 +9,10 @@ from jaxtyping import Float
 from catfree.calibration.watching._agreement import Window, solve_window
 from catfree.calibration.watching._matching import CELL, best
 from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, Sights, sights
-from catfree.errors import InsufficientDataError
 from catfree.methods import localize
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._detections import is_confident
 from catfree.types._processes import require_own_process
 from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, require_instance
@@ -89,16 +87,7 @@ def watch_windows(
     if localization is None:
         localization = localize(detections, scene, settings, progress)
     require_instance(localization, Localization, "localization")
-    localization.require_detections(detections)
-    keep = is_confident(detections, settings.confidence)
-    confident, tracks = detections[keep], localization.tracks
-    if not np.asarray(scene.rig.registered)[confident.camera].any():
-        raise InsufficientDataError(
-            "Checking a rig needs confident boxes of its registered cameras, but there are none. "
-            "Check that the detections belong to the scene, and their scores."
-        )
-    row = np.append(np.where(keep, np.cumsum(keep) - 1, -1), -1)  # of `confident`
-    recording = sights(scene, confident, replace(tracks, support=row[tracks.support]))
+    recording = sights(scene, detections, localization, settings.confidence)
     rate = (
         UNKNOWN_RATE if detections.clock is None else detections.clock.frame_rate / recording.step
     )

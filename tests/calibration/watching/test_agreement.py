@@ -20,8 +20,8 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def seen():
     world = make_world("ring4", 3, frames=20, people=6)
-    tracks = localize(world.detections, world.true_scene).tracks
-    return sights(world.true_scene, world.detections, tracks)
+    localization = localize(world.detections, world.true_scene)
+    return sights(world.true_scene, world.detections, localization, 0.0)
 
 
 def error_of(turn=(0.0, 0.0, 0.0), lag=0.0, center=(0.0, 0.0, 0.0), zoom=0.0):
@@ -103,7 +103,7 @@ def test_a_camera_that_began_later_is_not_late():
     still = world.detections[world.detections.frame == 5]
     boxes = Detections.concatenate([replace(still, frame=still.frame - 5 + k) for k in range(20)])
     boxes = boxes[(boxes.camera != 1) | (boxes.frame >= 8)]
-    recording = sights(world.true_scene, boxes, localize(boxes, world.true_scene).tracks)
+    recording = sights(world.true_scene, boxes, localize(boxes, world.true_scene), 0.0)
     others = recording.people.seen_by_others(1, recording.people.between(0, 10))
     right, late = error_of(), error_of(lag=7.0)
     np.testing.assert_array_equal(best(recording, 1, others, right, late[None]), right)
