@@ -20,7 +20,7 @@ from catfree.errors import InsufficientDataError
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry._person import cut_by_border, edges_of, heights_by_boxes, visible_foot
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
-from catfree.settings import EvidenceSettings
+from catfree.settings import EvidenceSettings, Settings
 from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Detections, Localization, Scene
 from catfree.types._detections import is_confident
@@ -29,6 +29,7 @@ from catfree.types._sampling import frame_step
 PARAMETERS = 8  # of the error of a camera
 TURN, LAG, CENTER, ZOOM = slice(0, 3), slice(3, 4), slice(4, 7), slice(7, 8)
 LAGS = slice(3, None, PARAMETERS)  # of all cameras, whose errors follow each other
+FLOOR = 0.001  # radians; noise of an edge besides its share of the box height
 HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
 BLOCK = 512  # sightings computed together
 
@@ -42,6 +43,7 @@ class SightedBoxes:
         camera: (N,) the camera.
         angle: (N, 3) azimuth of the center, elevation of the top and of the bottom, in radians, the
             elevation positive downward.
+        deviation: (N, 3) standard deviations of `angle`.
         size: (N,) the angular height.
         height: (N,) the height in pixels.
         whole: (N, 3) whether an edge is free of the image border.
@@ -50,6 +52,7 @@ class SightedBoxes:
     frame: Int[np.ndarray, " n"]
     camera: Int[np.ndarray, " n"]
     angle: Float[np.ndarray, "n 3"]
+    deviation: Float[np.ndarray, "n 3"]
     size: Float[np.ndarray, " n"]
     height: Float[np.ndarray, " n"]
     whole: Bool[np.ndarray, "n 3"]
@@ -101,6 +104,7 @@ class Sights:
         step: frame numbers per step.
         steps: length of the recording in steps.
         detections: the confident boxes as they were given.
+        settings: as given.
     """
 
     scene: Scene
@@ -112,6 +116,7 @@ class Sights:
     step: int
     steps: int
     detections: Detections
+    settings: Settings
 
     def frame(self, step: int) -> int:
         """Frame number of a step."""
@@ -133,7 +138,7 @@ class Sights:
 
 
 def sights(
-    scene: Scene, detections: Detections, localization: Localization, confidence: float
+    scene: Scene, detections: Detections, localization: Localization, settings: Settings
 ) -> Sights:
     """Express boxes and tracks as angles and states.
 
@@ -141,13 +146,13 @@ def sights(
         scene: cameras and ground.
         detections: (N,) boxes.
         localization: of these boxes in this scene.
-        confidence: score of boxes that are used.
+        settings: which boxes are confident, when the border cuts them, and their noise.
 
     Raises:
         InsufficientDataError: if there are no confident boxes of registered cameras.
         InvalidInputError: if the localization was made from other boxes.
     """
-    confident = detections[is_confident(detections, confidence)]
+    confident = detections[is_confident(detections, settings.confidence)]
     if not np.asarray(scene.rig.registered)[confident.camera].any():
         raise InsufficientDataError(
             "Checking a rig needs confident boxes of its registered cameras, but there are none. "
@@ -156,16 +161,18 @@ def sights(
     frames = np.unique(confident.frame)
     step = frame_step(frames)
     first = int(frames[0])
-    boxes = _boxes(scene, confident, first, step)
+    boxes = _boxes(scene, confident, settings.evidence, first, step)
     people, unit = _people(scene, detections, localization, first, step)
     steps = (int(frames[-1]) - first) // step + 1
-    return Sights(scene, _places(scene), boxes, people, unit, first, step, steps, confident)
+    return Sights(
+        scene, _places(scene), boxes, people, unit, first, step, steps, confident, settings
+    )
 
 
 def with_cameras(sights: Sights, camera: Int[np.ndarray, " n"]) -> Sights:
     """Assign each box to the camera given for it; the people stay as they are."""
     detections = replace(sights.detections, camera=camera)
-    boxes = _boxes(sights.scene, detections, sights.first, sights.step)
+    boxes = _boxes(sights.scene, detections, sights.settings.evidence, sights.first, sights.step)
     return replace(sights, boxes=boxes, detections=detections)
 
 
@@ -179,7 +186,9 @@ def _places(scene: Scene) -> Float[np.ndarray, "cam 3 4"]:
     return np.where(np.asarray(rig.registered)[:, None, None], joined, np.eye(3, 4))
 
 
-def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> SightedBoxes:
+def _boxes(
+    scene: Scene, detections: Detections, settings: EvidenceSettings, first: int, step: int
+) -> SightedBoxes:
     rig = scene.rig
     row = np.flatnonzero(np.asarray(rig.registered)[detections.camera])
     row = row[np.lexsort((detections.frame[row], detections.camera[row]))]
@@ -194,9 +203,11 @@ def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> Sight
         return np.column_stack([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
 
     angle = edges_of(direction(box[:, 1]), direction(box[:, 3]))
-    whole = ~cut_by_border(box, rig.image_size[camera], EvidenceSettings().border_margin)
+    whole = ~cut_by_border(box, rig.image_size[camera], settings.border_margin)
     frame, height = (detections.frame[row] - first) // step, box[:, 3] - box[:, 1]
-    return SightedBoxes(frame, camera, angle, angle[:, 2] - angle[:, 1], height, whole)
+    tall = angle[:, 2] - angle[:, 1]
+    deviation = np.array(settings.edge_noise) * tall[:, None] + FLOOR
+    return SightedBoxes(frame, camera, angle, deviation, tall, height, whole)
 
 
 def _people(

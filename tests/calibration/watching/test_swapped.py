@@ -10,6 +10,7 @@ from catfree.calibration import Verdict, check
 from catfree.calibration.watching._sights import sights
 from catfree.calibration.watching._swapped import swapped_cameras
 from catfree.errors import InvalidInputError
+from catfree.settings import Settings
 from catfree.synthetic import make_world
 
 CAMERAS, FRAMES = 6, 40
@@ -35,7 +36,7 @@ def test_each_camera_gets_the_boxes_that_are_its_own(world, localization, cycle)
     moved = np.argsort(given)  # the people rest on the boxes by their new cameras
     tracks = localization.tracks
     tracks = replace(tracks, support=tracks.support[:, moved])
-    recording = sights(world.true_scene, boxes, replace(localization, tracks=tracks), 0.0)
+    recording = sights(world.true_scene, boxes, replace(localization, tracks=tracks), Settings())
     matched = np.full(CAMERAS, 0.9)
     matched[list(cycle)] = 0.1
     found = swapped_cameras(recording, matched)
@@ -50,8 +51,9 @@ def test_nothing_is_swapped_where_boxes_fit_nowhere(world, localization):
     elsewhere = np.isin(boxes.camera, [1, 2])
     shuffled = replace(boxes, frame=np.where(elsewhere, order[boxes.frame], boxes.frame))
     matched = np.array([0.9, 0.1, 0.1, 0.9, 0.9, 0.9])
-    assert swapped_cameras(sights(world.true_scene, shuffled, localization, 0.0), matched) == {}
-    recording = sights(world.true_scene, boxes, localization, 0.0)
+    recording = sights(world.true_scene, shuffled, localization, Settings())
+    assert swapped_cameras(recording, matched) == {}
+    recording = sights(world.true_scene, boxes, localization, Settings())
     assert swapped_cameras(recording, np.array([0.9, 0.1, 0.9, 0.9, 0.9, 0.9])) == {}
     assert swapped_cameras(recording, np.full(CAMERAS, np.nan)) == {}
     assert swapped_cameras(recording, np.array([0.9, 0.1, 0.1, 0.1, 0.1, 0.1])) == {}

@@ -4,10 +4,9 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
-import scipy.stats
 from hypothesis import given, strategies as st
 
-from catfree.calibration.watching._windows import _begins, _middle_line
+from catfree.calibration.watching._windows import _begins
 
 
 def evenly(low, high, steps):
@@ -38,17 +37,3 @@ def test_a_gap_has_no_windows():
     frames = np.array([0, 1, far, far + 1])
     seen = SimpleNamespace(first=0, step=1, steps=far + 2, boxes=SimpleNamespace(frame=frames))
     assert len(_begins.__wrapped__(seen, 50, None)) == 2
-
-
-@given(
-    st.lists(st.integers(-1000, 1000), min_size=2, max_size=20, unique=True).flatmap(
-        lambda x: st.tuples(
-            st.just(x), st.lists(st.floats(-50, 50), min_size=len(x), max_size=len(x))
-        )
-    )
-)
-def test_the_middle_line_is_that_of_theil_and_sen(points):
-    x, y = np.array(points[0], np.float64), np.array(points[1])
-    expected = scipy.stats.theilslopes(y, x)
-    line = [expected.slope, expected.intercept]
-    np.testing.assert_allclose(_middle_line(x, y), line, rtol=1e-9, atol=1e-9)
