@@ -52,6 +52,7 @@ class Course:
     """The errors of all cameras over time.
 
     Attributes:
+        windows: those that it was fitted to.
         changes: what was found.
         design: (W, 8C, q) map from `value` to the errors of all cameras in each window.
         value: (q,) constant errors (8C), rates of the clocks (C), then those of the changes.
@@ -61,6 +62,7 @@ class Course:
         freedom: (C, 2) degrees of freedom of `noise`.
     """
 
+    windows: Sequence[Window]
     changes: tuple[Change, ...]
     design: Float[np.ndarray, "w p q"]
     value: Float[np.ndarray, " q"]
@@ -158,16 +160,12 @@ def fit_course(
     return course
 
 
-def as_turns(course: Course, windows: Sequence[Window]) -> Course:
+def as_turns(course: Course) -> Course:
     """Fit the same changes as if centers and focal lengths were right: turns explain the rest.
 
     A constant turn and a constant displacement of a camera look nearly the same.
-
-    Args:
-        course: the result of `fit_course`.
-        windows: those it was fitted to.
     """
-    return _fitted(course.changes, windows, held=True)
+    return _fitted(course.changes, course.windows, held=True)
 
 
 def _fitted(
@@ -208,7 +206,7 @@ def _fitted(
     timed = np.flatnonzero(matrix.sum(0).diagonal()[LAGS] > 0)
     lags = (design[len(matrix) // 2] @ value)[LAGS]
     reference = int(timed[np.argsort(lags[timed])[(len(timed) - 1) // 2]]) if len(timed) else 0
-    return Course(changes, design, value, covariance, reference, noise, freedom)
+    return Course(windows, changes, design, value, covariance, reference, noise, freedom)
 
 
 def _sums(

@@ -1,101 +1,29 @@
 """When exactly errors changed: the frames that divide the boxes best."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-from itertools import pairwise
-
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.watching._agreement import solve_window
-from catfree.calibration.watching._changes import KINDS, Course, fit_course
-from catfree.calibration.watching._matching import GATE, best, match_boxes
+from catfree.calibration.watching._changes import Course
+from catfree.calibration.watching._matching import GATE, match_boxes
 from catfree.calibration.watching._sights import PARAMETERS, Sights
-from catfree.calibration.watching._windows import Watched
-from catfree.types._annotations import Progress, no_progress
 
-PASSES = 2  # of matching everybody with the errors of the whole recording
 ELBOW = 4.0  # fall of twice the log likelihood within two standard deviations
 
 
-def follow_changes(
-    watched: Watched,
-    *,
-    kinds: Sequence[slice] = KINDS,
-    since: int | None = None,
-    progress: Progress | None = None,
-) -> tuple[Watched, Course]:
-    """Fit the errors of all cameras, whose clocks may run at different rates.
-
-    With the errors of the whole recording, more boxes meet people. A window in which an error
-    changed fits neither what was before nor what came after: it is divided where the boxes say. In
-    another one, few people who walk straight fit several turns and lags, and its own may be wrong.
-    So everything is matched and fitted again.
-
-    Args:
-        watched: the recording.
-        kinds: what may change.
-        since: frame number before which nothing changes.
-        progress: called as `progress(stage, done, total)`.
-
-    Returns:
-        The recording with the divided windows, and its errors.
-    """
-    report, sights = progress or no_progress, watched.sights
-
-    def fitted(watched: Watched) -> Course:
-        step = -1 if since is None else (since - sights.first) // sights.step
-        later = (i for i, w in enumerate(watched.windows) if i and w.begin >= step)
-        return fit_course(watched.windows, watched.alpha, kinds=kinds, first=next(later, 1))
-
-    course = fitted(watched)
-    for done in range(PASSES):
-        frames = [time_of_change(watched, course, i)[0] for i in range(len(course.changes))]
-        cuts = sorted({-(-(frame - sights.first) // sights.step) for frame in frames})
-        windows, count = [], len(watched.windows)
-        for index, window in enumerate(watched.windows):
-            report("changes", done * count + index, PASSES * count)
-            inside = [cut for cut in cuts if window.begin < cut < window.stop]
-            for begin, stop in pairwise([window.begin, *inside, window.stop]):
-                start = _start(watched, course, index, begin, stop)
-                windows.append(solve_window(sights, begin, stop, start))
-        watched = replace(watched, windows=tuple(windows))
-        course = fitted(watched)
-    report("changes", len(watched.windows), len(watched.windows))
-    return watched, course
-
-
-def _start(
-    watched: Watched, course: Course, index: int, begin: int, stop: int
-) -> Float[np.ndarray, "cam 8"]:
-    """Errors that a course predicts for a window or a part of it.
-
-    A change is believed if far more boxes meet people than without any.
-    """
-    nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(watched.windows)]
-    start = course.at(index, changed=False)[0].reshape(-1, PARAMETERS)
-    tried = np.array([course.at(window)[0] for window in nearby]).reshape(-1, *start.shape)
-    person = watched.sights.people.between(begin, stop)
-    for camera in {change.camera for change in course.changes}:
-        others = watched.sights.people.seen_by_others(camera, person)
-        start[camera] = best(watched.sights, camera, others, start[camera], tried[:, camera])
-    return start
-
-
-def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, float]:
+def time_of_change(sights: Sights, course: Course, index: int) -> tuple[int, float]:
     """Frame number at which a change began, and its standard deviation.
 
     The boxes of single frames fit the errors before or those after the change.
 
     Args:
-        watched: the recording.
+        sights: the recording.
         course: its errors.
         index: of the change.
     """
-    change, sights = course.changes[index], watched.sights
+    change, windows = course.changes[index], course.windows
     first = max(change.window - 2, 0)
-    last = min(change.window + 1, len(watched.windows) - 1)
-    low, high = watched.windows[first].begin, watched.windows[last].stop
+    last = min(change.window + 1, len(windows) - 1)
+    low, high = windows[first].begin, windows[last].stop
     people, person = sights.people, sights.people.between(low, high)
     before, after = (
         _costs(sights, change.camera, person, course.at(window)[0]) for window in (first, last)

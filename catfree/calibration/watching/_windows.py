@@ -1,11 +1,17 @@
-"""A recording in windows: what each says about the cameras' errors."""
+"""A recording in windows: what all of them say about the cameras' errors."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.calibration.watching._agreement import Window, solve_window
+from catfree.calibration.watching._changes import KINDS, Course, fit_course
+from catfree.calibration.watching._matching import best
 from catfree.calibration.watching._sights import PARAMETERS, Sights, sights
+from catfree.calibration.watching._time_of_change import time_of_change
 from catfree.methods import localize
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -20,40 +26,44 @@ WINDOWS = 12  # that a short recording is cut into
 SHORTEST = 2.0  # seconds of a window
 UNKNOWN_RATE = 25.0  # steps per second where no clock tells
 FEWEST_STEPS = 4  # of a window
+PASSES = 2  # of matching everybody with the errors of the whole recording
 
 
-@dataclass(frozen=True)
-class Watched:
-    """What all windows of a recording say.
+class Watched(NamedTuple):
+    """What a recording says about the errors of its cameras.
 
     Attributes:
         sights: the recording.
-        windows: in order.
+        course: the errors over time.
         seconds: length of a window.
+        alpha: probability of a false alarm per window and test.
     """
 
     sights: Sights
-    windows: tuple[Window, ...]
+    course: Course
     seconds: float
-
-    @property
-    def alpha(self) -> float:
-        """Probability of a false alarm per window and test."""
-        return self.seconds / 3600 / HOURS_PER_ALARM / TESTS
+    alpha: float
 
 
-def watch_windows(
+def watch(
     scene: Scene,
     detections: Detections,
     settings: Settings | None,
     *,
     longest: float,
     maximum_offset: int,
+    kinds: Sequence[slice] = KINDS,
     localization: Localization | None = None,
     since: int | None = None,
     progress: Progress | None = None,
 ) -> Watched:
-    """Localize the people, and see how far each camera disagrees in each window.
+    """Localize the people, and follow by how far each camera disagrees.
+
+    Clocks may run at different rates. With the errors of the whole recording, more boxes meet
+    people than with those of one window. A window in which an error changed fits neither what was
+    before nor what came after: it is divided where the boxes say. In another one, few people who
+    walk straight fit several turns and lags, and its own may be wrong. So everything is matched and
+    fitted again.
 
     Args:
         scene: cameras and ground.
@@ -61,8 +71,9 @@ def watch_windows(
         settings: of the localization; the default method if None.
         longest: length of a window in seconds, of a long recording.
         maximum_offset: largest lag to look for, in frame numbers.
+        kinds: what may change.
         localization: of these detections in this scene, if it is known.
-        since: frame number at which a window begins.
+        since: frame number at which a window begins, and before which nothing changes.
         progress: called as `progress(stage, done, total)`.
 
     Raises:
@@ -86,7 +97,8 @@ def watch_windows(
     )
     length = float(np.clip(recording.steps / WINDOWS, SHORTEST * rate, longest * rate))
     steps = max(FEWEST_STEPS, round(length))
-    begins = _begins(recording, steps, since)
+    cut = 0 if since is None else (since - recording.first) // recording.step
+    begins = _begins(recording, steps, cut)
     reach = min(maximum_offset // recording.step, recording.steps // 3)
     shifts = np.array(sorted(range(-reach, reach + 1), key=abs))
     start = np.zeros((scene.rig.camera_count, PARAMETERS))
@@ -96,16 +108,54 @@ def watch_windows(
         windows.append(solve_window(recording, begin, stop, start, shifts))
         start = windows[-1].errors
     report("windows", len(begins), len(begins))
-    return Watched(recording, tuple(windows), steps / rate)
+    seconds = steps / rate
+    alpha = seconds / 3600 / HOURS_PER_ALARM / TESTS
+
+    def fitted(windows: Sequence[Window]) -> Course:
+        later = (i for i, window in enumerate(windows) if i and window.begin >= cut)
+        return fit_course(windows, alpha, kinds=kinds, first=next(later, 1))
+
+    course = fitted(windows)
+    for done in range(PASSES):
+        course = fitted(_matched_again(recording, course, done, report))
+    report("changes", len(course.windows), len(course.windows))
+    return Watched(recording, course, seconds, alpha)
 
 
-def _begins(recording: Sights, steps: int, since: int | None) -> list[tuple[int, int]]:
-    """First step and step after the last one of each window with boxes; one begins at `since`."""
-    cut = (
-        0
-        if since is None
-        else int(np.clip((since - recording.first) // recording.step, 0, recording.steps))
-    )
+def _matched_again(recording: Sights, course: Course, done: int, report: Progress) -> list[Window]:
+    """Match everybody with the errors of a course; divide windows within which one changed."""
+    windows, count = [], len(course.windows)
+    frames = [time_of_change(recording, course, i)[0] for i in range(len(course.changes))]
+    cuts = sorted({-(-(frame - recording.first) // recording.step) for frame in frames})
+    for index, window in enumerate(course.windows):
+        report("changes", done * count + index, PASSES * count)
+        inside = [cut for cut in cuts if window.begin < cut < window.stop]
+        for begin, stop in pairwise([window.begin, *inside, window.stop]):
+            start = _start(recording, course, index, begin, stop)
+            windows.append(solve_window(recording, begin, stop, start))
+    return windows
+
+
+def _start(
+    recording: Sights, course: Course, index: int, begin: int, stop: int
+) -> Float[np.ndarray, "cam 8"]:
+    """Errors that a course predicts for a window or a part of it.
+
+    A change is believed if far more boxes meet people than without any.
+    """
+    nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(course.windows)]
+    start = course.at(index, changed=False)[0].reshape(-1, PARAMETERS)
+    tried = np.array([course.at(window)[0] for window in nearby]).reshape(-1, *start.shape)
+    person = recording.people.between(begin, stop)
+    for camera in {change.camera for change in course.changes}:
+        others = recording.people.seen_by_others(camera, person)
+        start[camera] = best(recording, camera, others, start[camera], tried[:, camera])
+    return start
+
+
+def _begins(recording: Sights, steps: int, cut: int) -> list[tuple[int, int]]:
+    """First step and step after the last one of each window with boxes; one begins at `cut`."""
+    cut = int(np.clip(cut, 0, recording.steps))
     occupied = np.unique(recording.boxes.frame)
     result = []
     for low, high in ((0, cut), (cut, recording.steps)):

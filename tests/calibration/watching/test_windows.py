@@ -18,12 +18,12 @@ def evenly(low, high, steps):
 @given(
     st.lists(st.integers(0, 2000), min_size=1, max_size=60),
     st.integers(4, 200),
-    st.one_of(st.none(), st.integers(-5, 2005)),
+    st.integers(-5, 2005),
 )
 def test_windows_divide_the_recording_evenly_where_there_are_boxes(frames, steps, since):
     occupied, length = np.array(frames), 2001
     seen = SimpleNamespace(first=0, step=1, steps=length, boxes=SimpleNamespace(frame=occupied))
-    cut = 0 if since is None else min(max(since, 0), length)
+    cut = min(max(since, 0), length)
     expected = [
         (begin, stop)
         for begin, stop in evenly(0, cut, steps) + evenly(cut, length, steps)
@@ -36,4 +36,4 @@ def test_a_gap_has_no_windows():
     far = 10**12
     frames = np.array([0, 1, far, far + 1])
     seen = SimpleNamespace(first=0, step=1, steps=far + 2, boxes=SimpleNamespace(frame=frames))
-    assert len(_begins.__wrapped__(seen, 50, None)) == 2
+    assert len(_begins.__wrapped__(seen, 50, 0)) == 2
