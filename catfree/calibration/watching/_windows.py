@@ -160,13 +160,8 @@ def _begins(recording: Sights, steps: int, cut: int) -> list[tuple[int, int]]:
     result = []
     for low, high in ((0, cut), (cut, recording.steps)):
         inside = occupied[(occupied >= low) & (occupied < high)]
-        count = max(1, (high - low) // steps)
-        length = (high - low) / count
-        # Of a recording with a long gap, only the windows near boxes.
-        near = ((inside - low) / max(length, 1)).astype(int)[:, None] + np.arange(-1, 2)
-        at = np.unique(np.clip(near, 0, count - 1))
-        begins, stops = (low + length * side for side in (at, at + 1))
-        begins, stops = begins.astype(int), np.where(at == count - 1, high, stops).astype(int)
-        boxes = np.searchsorted(inside, stops) - np.searchsorted(inside, begins)
-        result += zip(begins[boxes > 0].tolist(), stops[boxes > 0].tolist(), strict=True)
+        length, count = high - low, max(1, (high - low) // steps)
+        # The windows of the boxes alone, in whole numbers: a recording may have a long gap.
+        at = sorted({((frame - low + 1) * count - 1) // length for frame in inside.tolist()})
+        result += [(low + k * length // count, low + (k + 1) * length // count) for k in at]
     return result
