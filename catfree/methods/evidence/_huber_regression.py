@@ -1,9 +1,7 @@
-"""Linear regression with Huber's loss and a Gaussian prior, by iterative reweighting."""
+"""Huber's loss by iterative reweighting, and linear regression with it and a Gaussian prior."""
 
 import numpy as np
 from jaxtyping import Float
-
-from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 
 WIDTH = 1.5  # standard deviations beyond which the loss is linear (Huber 1981)
 REWEIGHTED = 3  # times; more changes little
@@ -13,16 +11,16 @@ def huber_regression(
     columns: Float[np.ndarray, "n p"],
     target: Float[np.ndarray, " n"],
     prior: Float[np.ndarray, " p"],
-    scale: float | None = None,
+    scale: float,
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
     """Fit coefficients to rows that are divided by their standard deviations.
 
     Args:
-        columns: (n, p) what each coefficient adds; without rows, `scale` must be given.
+        columns: (n, p) what each coefficient adds.
         target: (n,) to be explained.
         prior: (p,) standard deviations of the coefficients about zero; infinite for those that the
             rows determine.
-        scale: standard deviation of the rows, learned from their median residual if None.
+        scale: standard deviation of the rows.
 
     Returns:
         coefficients: (p,) the most likely ones.
@@ -39,9 +37,10 @@ def huber_regression(
 
     fitted = ridge(np.ones(len(target)))
     for _ in range(REWEIGHTED):
-        error = np.abs(target - columns @ fitted[0])
-        usual = scale
-        if usual is None:
-            usual = max(MEDIAN_TO_DEVIATION * float(np.median(error)), 1e-6)
-        fitted = ridge(np.minimum(1, WIDTH * usual / np.maximum(error, 1e-12)))
+        fitted = ridge(huber_weight(target - columns @ fitted[0], scale))
     return fitted
+
+
+def huber_weight(residual: Float[np.ndarray, "*n"], scale: float) -> Float[np.ndarray, "*n"]:
+    """Weights by which least squares has the gradient of Huber's loss, 1 for small residuals."""
+    return np.minimum(1, WIDTH * scale / np.maximum(np.abs(residual), 1e-12))

@@ -1,7 +1,6 @@
 """Huber regression against SciPy's least squares and closed forms."""
 
 import numpy as np
-import pytest
 from hypothesis import given, strategies as st
 from scipy.optimize import least_squares
 
@@ -28,22 +27,11 @@ def test_with_a_known_scale_it_minimizes_the_loss(seed):
     assert (np.abs(found - [2, -1]) < 5 * np.sqrt(np.diag(covariance))).all()
 
 
-@given(st.integers(0, 10**6))
-def test_a_learned_scale_is_that_of_the_rows(seed):
-    columns, target = drawn(seed, outliers=10)
-    prior = np.full(2, np.inf)
-    found, _ = huber_regression(columns, target, prior)
-    ten_times, _ = huber_regression(columns, 10 * target, prior)
-    np.testing.assert_allclose(ten_times, 10 * found, rtol=1e-6)
-    plain = np.linalg.lstsq(columns, target, rcond=None)[0]
-    assert np.linalg.norm(found - [2, -1]) < max(0.3, np.linalg.norm(plain - [2, -1]))
-
-
 def test_a_narrow_prior_and_no_rows_give_the_prior():
     columns, target = drawn(0, outliers=0)
-    narrow, _ = huber_regression(columns, target, np.array([1e-6, np.inf]))
+    narrow, _ = huber_regression(columns, target, np.array([1e-6, np.inf]), 1.0)
     assert abs(narrow[0]) < 1e-6 < abs(narrow[1])
-    found, covariance = huber_regression(np.zeros((3, 2)), np.zeros(3), np.array([2.0, 3.0]))
+    found, covariance = huber_regression(np.zeros((3, 2)), np.zeros(3), np.array([2.0, 3.0]), 1.0)
     np.testing.assert_array_equal(found, 0)
     np.testing.assert_allclose(covariance, np.diag([4, 9]))
 
@@ -55,8 +43,7 @@ def test_without_outliers_it_is_ridge_regression():
     np.testing.assert_allclose(found, np.linalg.solve(normal, columns.T @ target))
 
 
-@pytest.mark.parametrize("scale", [None, 1.0])
-def test_an_exact_fit_leaves_nothing(scale):
+def test_an_exact_fit_leaves_nothing():
     columns, _ = drawn(2, outliers=0)
-    found, _ = huber_regression(columns, columns @ [3.0, 4.0], np.full(2, np.inf), scale)
+    found, _ = huber_regression(columns, columns @ [3.0, 4.0], np.full(2, np.inf), 1.0)
     np.testing.assert_allclose(found, [3, 4])

@@ -1,5 +1,6 @@
 """Learn the noise, systematic offsets and height of people from the data."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -9,8 +10,9 @@ from jaxtyping import Bool, Float, Int
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.geometry._person import drop_to_height, height_at
 from catfree.methods.evidence._gaussian import mean_and_covariance
-from catfree.methods.evidence._huber_regression import huber_regression
+from catfree.methods.evidence._huber_regression import huber_weight
 from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.learn._offset_field import offset_field
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise, features_of
 from catfree.methods.evidence.observe._sightings import predicted_edges
@@ -91,11 +93,10 @@ def learn_noise(
     """
     is_member = groups.member >= 0
     cameras, C = is_member.sum(1), groups.member.shape[1]
-    strong, share = np.flatnonzero(cameras >= settings.witnesses), 1.0
+    strong = np.flatnonzero(cameras >= settings.witnesses)
     if len(strong) < settings.fewest_samples:
         # Pairs are selected for agreement, which underestimates the noise; not learning is worse.
-        # The residuals of both cameras equal their whole disagreement, so each takes half of it.
-        strong, share = np.flatnonzero(cameras >= 2), 0.5
+        strong = np.flatnonzero(cameras >= 2)
     if len(strong) < settings.fewest_samples:
         return noise, 1.0
     state, covariance = mean_and_covariance(groups.info[strong], noise.spread)
@@ -112,27 +113,39 @@ def learn_noise(
     residual, sd, used = left_out_residuals(
         row, strong[g], groups, measurements, boxes, views, noise
     )
+    if not used.any():
+        return replace(noise, spread=np.asarray(spread), density=np.asarray(density)), center
     features = features_of(boxes, row, views)
-    field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
+    z = (residual - np.einsum("nkf,nkf->nk", features, noise.field[c])) / sd
+    field, edge = noise.field, noise.edge.copy()
+    if settings.residual_field:
+        predicted, slopes = predicted_edges(state[g], views.matrix[boxes.view[row]])
+        offset, slopes = boxes.edges[row] - predicted, slopes[..., :3]
+        # The common error of a camera's boxes is what is looked for, not a noise of each.
+        common = noise.angular * views.focal[boxes.view[row], None]
+        weight = huber_weight(z, deviation_of(z[used])) / (measurements.noise[row] ** 2 - common**2)
+        seen = used.any(1) & np.isfinite(offset).all(1) & np.isfinite(slopes).all((1, 2))
+        field = offset_field(
+            g[seen],
+            c[seen],
+            offset[seen],
+            slopes[seen],
+            features[seen],
+            np.where(used, weight, 0.0)[seen],
+            heights,
+            spread=float(noise.spread),
+            prior=settings.field_prior,
+            cameras=C,
+        )
     edges = [(camera, k, used[:, k] & (c == camera)) for camera, k in np.ndindex(C, 3)]
     edges = [(camera, k, mine) for camera, k, mine in edges if mine.any()]
-    if settings.residual_field:
-        for camera, k, mine in edges:
-            learned, _ = huber_regression(
-                features[mine, k] / sd[mine, k, None],
-                residual[mine, k] / sd[mine, k],
-                np.array(settings.field_prior),
-            )
-            field[camera, k] += share * (learned - field[camera, k])
-    z = (residual - np.einsum("nkf,nkf->nk", features, field[c])) / sd
     for camera, k, mine in edges:
         usual, own = settings.edge_noise[k], edge[camera, k] * change_of_noise(z[mine, k])
         # The mean of a conjugate (scaled inverse chi-squared) prior and the residuals.
         worth = [settings.fewest_samples, mine.sum()]
         learned = np.sqrt(np.average([usual**2, own**2], weights=worth))
         edge[camera, k] = max(learned, settings.least_noise * usual)
-    if used.any():
-        angular = np.clip(angular * change_of_noise(z[used]), *settings.angular_noise_range)
+    angular = np.clip(noise.angular * change_of_noise(z[used]), *settings.angular_noise_range)
     return (
         Noise(edge, np.asarray(angular), field, np.asarray(spread), np.asarray(density)),
         center,
@@ -141,8 +154,12 @@ def learn_noise(
 
 def change_of_noise(z: Float[np.ndarray, " n"]) -> float:
     """Factor on the noise in one round by which residuals would have a deviation of 1."""
-    factor = MEDIAN_TO_DEVIATION * float(np.median(np.abs(z)))
-    return float(np.clip(factor, 1 / LARGEST_CHANGE, LARGEST_CHANGE))
+    return float(np.clip(deviation_of(z), 1 / LARGEST_CHANGE, LARGEST_CHANGE))
+
+
+def deviation_of(z: Float[np.ndarray, " n"]) -> float:
+    """Standard deviation of residuals around 0 by their median size, at least a millionth."""
+    return max(MEDIAN_TO_DEVIATION * float(np.median(np.abs(z))), 1e-6)
 
 
 def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -> float:
