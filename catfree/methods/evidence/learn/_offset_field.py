@@ -9,13 +9,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import block_diag
 
-# Coefficients that an error of the pose shares: the middle of a box has its own of focal length,
-# column and row, and its ends have theirs; the share of the box height differs between the ends.
+# The middle of a box has coefficients of focal length, column and row of its own. Those of its ends
+# are the same, as for an error of the pose; the shares of the box height differ.
 MIDDLE, ENDS, TOP, BOTTOM = slice(0, 3), slice(3, 6), 6, 7
-UNKNOWNS = 8  # of a camera
-SHARED = np.zeros((3, 4, UNKNOWNS))
-SHARED[0, :3, MIDDLE] = SHARED[1, :3, ENDS] = SHARED[2, :3, ENDS] = np.eye(3)
-SHARED[1, 3, TOP] = SHARED[2, 3, BOTTOM] = 1
+UNKNOWNS = 8  # coefficients of a camera
 NOWHERE = 1e-6  # inverse variance, per H0², of a position of which nothing is known
 
 
@@ -51,7 +48,9 @@ def offset_field(
         without boxes has none.
     """
     people, size = len(height), cameras * UNKNOWNS
-    columns = np.einsum("nkf,kfs->nks", features, SHARED)
+    columns = np.zeros((len(person), 3, UNKNOWNS))
+    columns[:, 0, MIDDLE], columns[:, 1:, ENDS] = features[:, 0, :3], features[:, 1:, :3]
+    columns[:, 1, TOP], columns[:, 2, BOTTOM] = features[:, 1, 3], features[:, 2, 3]
     own = np.zeros((cameras, UNKNOWNS, UNKNOWNS))
     np.add.at(own, camera, np.einsum("nk,nks,nkt->nst", weight, columns, columns))
     pull = np.zeros((cameras, UNKNOWNS))
@@ -69,4 +68,8 @@ def offset_field(
     normal = np.asarray(block_diag(*own)) + np.diag(np.tile(deviation**-2.0, cameras))
     normal -= np.tensordot(gain, mixed, ((0, 2), (0, 2)))
     found = np.linalg.solve(normal, pull.ravel() - np.einsum("pdi,pi->d", gain, moves))
-    return np.einsum("cs,kfs->ckf", found.reshape(cameras, UNKNOWNS), SHARED)
+    found = found.reshape(cameras, UNKNOWNS)
+    field = np.zeros((cameras, 3, 4))
+    field[:, 0, :3], field[:, 1:, :3] = found[:, MIDDLE], found[:, None, ENDS]
+    field[:, 1:, 3] = found[:, [TOP, BOTTOM]]
+    return field

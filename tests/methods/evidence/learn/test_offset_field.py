@@ -3,8 +3,12 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.methods.evidence.learn._offset_field import SHARED, UNKNOWNS, offset_field
+from catfree.methods.evidence.learn._offset_field import UNKNOWNS, offset_field
 
+# Which coefficient stands for each of an edge's four; the height of a middle has none.
+SHARED = np.zeros((3, 4, UNKNOWNS))
+for edge, columns in enumerate(((0, 1, 2), (3, 4, 5, 6), (3, 4, 5, 7))):
+    SHARED[edge, range(len(columns)), columns] = 1
 PRIOR, SPREAD = (0.02, 0.01, 0.03, 0.05), 0.06
 
 
