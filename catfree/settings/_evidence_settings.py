@@ -231,10 +231,11 @@ class EvidenceSettings(CheckedSettings):
         "from 1 mrad, a pixel of 1920, to 12 mrad, 0.7 degrees; worse rigs are refused",
     )
     field_prior: tuple[float, float, float, float] = constant(
-        (0.01, 0.01, 0.01, 0.05),
+        (0.006, 0.006, 0.006, 0.03),
         "physical",
-        "one percent of the focal length (10 pixels) is a poorly known principal point or pitch; "
-        "5 % of the box height is a detector that draws loose boxes",
+        "0.6 % of the focal length, 0.3 degrees, is a pitch or principal point that is known fairly "
+        "well; 3 % of the box height is a detector that draws loose boxes. The boxes of one person "
+        "share their errors, so twice as much would follow those of few people",
     )
     height_spread_range: tuple[float, float] = constant(
         (0.03, 0.12),
