@@ -233,9 +233,9 @@ class EvidenceSettings(CheckedSettings):
     field_prior: tuple[float, float, float, float] = constant(
         (0.006, 0.006, 0.006, 0.03),
         "physical",
-        "0.6 % of the focal length, 0.3 degrees, is a pitch or principal point that is known fairly "
-        "well; 3 % of the box height is a detector that draws loose boxes. The boxes of one person "
-        "share their errors, so twice as much would follow those of few people",
+        "0.6 % of the focal length, 0.3 degrees, is a fairly well known pitch or principal point; "
+        "3 % of the box height is a detector that draws loose boxes. The boxes of one person share "
+        "their errors, so twice as much would follow those of few people",
     )
     height_spread_range: tuple[float, float] = constant(
         (0.03, 0.12),
