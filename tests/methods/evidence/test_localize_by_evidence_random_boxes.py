@@ -40,12 +40,16 @@ def moda(world, boxes, settings):
     return detection_metrics(world.ground_truth, rows, frames=np.arange(12)).moda
 
 
-@pytest.mark.parametrize("seed", [3, 5, 6])
-def test_four_wrong_cameras_and_random_boxes_lose_nobody(seed):
+def test_four_wrong_cameras_and_random_boxes_lose_nobody():
     # So few boxes and so wrong a rig that the usual start of self-calibration joins no three
-    # cameras; then nothing was learned and all people passed for clutter.
-    world = make_world("ring4", seed, frames=12, people=6)
-    junk = with_random_boxes(world, 60, seed)
-    found = moda(world, junk, cf.Settings())
-    assert found > moda(world, with_random_boxes(world, 0), cf.Settings()) - 3
-    assert found > moda(world, junk, cf.Settings.paper())
+    # cameras; then nothing was learned and all people passed for clutter. One of six people decides
+    # 17 points, with or without random boxes, so that only the mean says something.
+    found, usual, paper = [], [], []
+    for seed in range(3, 15):
+        world = make_world("ring4", seed, frames=12, people=6)
+        junk = with_random_boxes(world, 60, seed)
+        found.append(moda(world, junk, cf.Settings()))
+        usual.append(moda(world, with_random_boxes(world, 0), cf.Settings()))
+        paper.append(moda(world, junk, cf.Settings.paper()))
+    assert np.mean(found) > np.mean(usual) - 3
+    assert np.mean(found) > np.mean(paper)
