@@ -131,15 +131,19 @@ class EvidenceLoop:
         """Refine in rounds until the cameras stop moving; discard a round that raises the residual.
 
         The residual alone does not indicate convergence: as people become more certain, cameras
-        move by most of their standard deviation while the residual hardly falls. The residual of
-        the given rig is not comparable, because it refers to other boxes with other deviations.
+        move by most of their standard deviation while the residual hardly falls. It may rise when
+        more boxes fit, as those of a camera that comes to its place. The residual of the given rig
+        is not comparable, because it refers to other boxes with other deviations.
         """
         rounds = self.settings.calibration.evidence_rounds
         best, residual = calibration, np.inf
         for done in range(rounds):
             self.report("refinement", done, rounds)
             refined = self.refine_once(best)
-            if refined is None or refined.residual > (1 + SAME_RESIDUAL) * residual:
+            if refined is None:
+                break
+            fits_more = refined.sightings.sum() > (1 + SAME_RESIDUAL) * best.sightings.sum()
+            if refined.residual > (1 + SAME_RESIDUAL) * residual and not fits_more:
                 break
             moved = largest_move(best, refined)
             best, residual = refined, refined.residual

@@ -206,6 +206,6 @@ def best(
     better = [
         (other.score, -index)
         for index, (other, by_other) in enumerate(zip(matches[1:], shares, strict=True))
-        if other.score >= least and by_other > present_share
+        if other.score >= least and by_other >= BETTER * present_share
     ]
     return tried[-max(better)[1]] if better else present
