@@ -103,7 +103,7 @@ def learn_noise(
     heights = state[:, 2]
     center = float(np.median(heights))
     # Estimates shrink toward their prior; their posterior variance compensates for that.
-    sample_spread = MEDIAN_TO_DEVIATION * float(np.median(np.abs(heights - center)))
+    sample_spread = deviation_of(heights - center)
     spread = float(np.hypot(sample_spread, np.sqrt(np.median(covariance[:, 2, 2])))) / center
     spread = float(np.clip(spread, *settings.height_spread_range))
     density = crowding(state[:, :2], groups.frame[strong])
@@ -137,9 +137,10 @@ def learn_noise(
             prior=settings.field_prior,
             cameras=C,
         )
-    edges = [(camera, k, used[:, k] & (c == camera)) for camera, k in np.ndindex(C, 3)]
-    edges = [(camera, k, mine) for camera, k, mine in edges if mine.any()]
-    for camera, k, mine in edges:
+    for camera, k in np.ndindex(C, 3):
+        mine = used[:, k] & (c == camera)
+        if not mine.any():
+            continue
         usual, own = settings.edge_noise[k], edge[camera, k] * change_of_noise(z[mine, k])
         # The mean of a conjugate (scaled inverse chi-squared) prior and the residuals.
         worth = [settings.fewest_samples, mine.sum()]
