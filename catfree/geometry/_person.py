@@ -28,15 +28,18 @@ Lens = Callable[[Float[Array, "*n 2"]], Float[Array, "*n 2"]]
 
 
 def visible_foot(
-    person: Float[HostOrDevice, "*#n 3"],
+    position: Float[HostOrDevice, "*#n 2"],
     station: Float[HostOrDevice, "*#n 2"] | None,
     foot_offset: Any,
 ) -> tuple[Any, Any]:
-    """Position (2,) of the visible foot on the ground, as x and y; see `box_edges`."""
-    x, y = person[..., 0], person[..., 1]
+    """Ground point (x, y) of the visible foot of a person at a position; see `box_edges`.
+
+    With a negative offset, this is the position of the person whose visible foot is at a point.
+    """
+    x, y = position[..., 0], position[..., 1]
     if station is None:
         return x, y
-    xp = person.__array_namespace__()
+    xp = position.__array_namespace__()
     dx, dy = x - station[..., 0], y - station[..., 1]
     nearer = foot_offset / xp.sqrt(xp.maximum(dx**2 + dy**2, 1e-12))
     return x - nearer * dx, y - nearer * dy
@@ -58,7 +61,7 @@ def box_ends(
     x, y, height = (person[..., i] for i in range(3))
     rows = [[matrix[..., i, j] for j in range(4)] for i in range(3)]
     pixels, depths = [], []
-    for end in ((x, y, height), (*visible_foot(person, station, foot_offset), 0.0)):
+    for end in ((x, y, height), (*visible_foot(person[..., :2], station, foot_offset), 0.0)):
         column, row, depth = (m[0] * end[0] + m[1] * end[1] + m[2] * end[2] + m[3] for m in rows)
         near = xp.maximum(depth, NEAREST_DEPTH)
         pixel = xp.stack([column / near, row / near], -1)
@@ -99,12 +102,15 @@ def edges_of(head: Float[HostOrDevice, "*n 2"], foot: Float[HostOrDevice, "*n 2"
 
 
 def edges_and_slopes(
-    matrix: Float[Array, "3 4"], person: Float[Array, "3"]
+    matrix: Float[Array, "3 4"],
+    person: Float[Array, "3"],
+    station: Float[Array, "2"] | None = None,
+    foot_offset: float = 0.0,
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
     """`box_edges`, and its Jacobian (3, 3) with respect to the person."""
 
     def edges(person: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        shown = box_edges(matrix, person)
+        shown = box_edges(matrix, person, station, foot_offset)
         return shown, shown
 
     slopes, shown = jax.jacfwd(edges, has_aux=True)(person)
@@ -132,7 +138,7 @@ def people_in_rig(
     """
     cameras = np.broadcast_to(camera, len(person))
     station = np.asarray(rig.centers, np.float64)[cameras, :2]
-    foot = np.stack([*visible_foot(person, station, foot_offset), np.zeros(len(person))], -1)
+    foot = np.stack([*visible_foot(person[:, :2], station, foot_offset), np.zeros(len(person))], -1)
     pixel, imaged = pixels_of_points(rig, np.tile(cameras, 2), np.concatenate([person, foot]))
     (high, low), (high_imaged, low_imaged) = np.split(pixel, 2), np.split(imaged, 2)
     return high, low, high_imaged & low_imaged

@@ -261,7 +261,7 @@ def predict_angles(
     # The axes are orthogonal, but not all of length 1 (see `corrected_place`).
     length = jnp.maximum((place[:, :3] ** 2).sum(1), 1e-12)
     station = -place[:, :2].T @ (place[:, 3] / length)
-    foot_x, foot_y = visible_foot(jnp.stack([x, y, height]), station, FOOT_AHEAD * height)
+    foot_x, foot_y = visible_foot(jnp.stack([x, y]), station, FOOT_AHEAD * height)
 
     def direction(point: Float[Array, "4"]) -> Float[Array, "2"]:
         v = place @ point

@@ -60,7 +60,8 @@ def left_out_residuals(
     """Compare boxes, given by their rows, with the other boxes of their groups."""
     others = jax.tree.map(np.subtract, groups.info[group], measurements.info[row])
     state, covariance = mean_and_covariance(others, noise.spread)
-    predicted, slopes = predicted_edges(state, views.matrix[boxes.view[row]])
+    view = boxes.view[row]
+    predicted, slopes = predicted_edges(state, views.matrix[view], views.station[view])
     residual, slopes = boxes.edges[row] - predicted, slopes[..., :3]
     variance = np.einsum("nij,njk,nik->ni", slopes, covariance, slopes)
     used = np.asarray(measurements.used)[row] & np.isfinite(residual).all(1, keepdims=True)
@@ -119,10 +120,11 @@ def learn_noise(
     z = (residual - np.einsum("nkf,nkf->nk", features, noise.field[c])) / sd
     field, edge = noise.field, noise.edge.copy()
     if settings.residual_field:
-        predicted, slopes = predicted_edges(state[g], views.matrix[boxes.view[row]])
+        view = boxes.view[row]
+        predicted, slopes = predicted_edges(state[g], views.matrix[view], views.station[view])
         offset, slopes = boxes.edges[row] - predicted, slopes[..., :3]
         # The common error of a camera's boxes is what is looked for, not a noise of each.
-        common = noise.angular * views.focal[boxes.view[row], None]
+        common = noise.angular * views.focal[view, None]
         weight = huber_weight(z, deviation_of(z[used])) / (measurements.noise[row] ** 2 - common**2)
         seen = used.any(1) & np.isfinite(offset).all(1) & np.isfinite(slopes).all((1, 2))
         field = offset_field(

@@ -18,12 +18,14 @@ from catfree.geometry._person import (
     edge_deviation,
     edges_and_slopes,
     height_at,
+    visible_foot,
 )
 from catfree.methods.evidence._gaussian import Information, invert_symmetric, mean_and_covariance
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._ground_cells import ground_cell
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types._annotations import HostOrDevice
 
 
@@ -175,17 +177,23 @@ class Pinhole(NamedTuple):
 def implied_person(
     matrix: Float[HostOrDevice, "3 4"],
     ground_inverse: Float[HostOrDevice, "3 3"],
+    station: Float[HostOrDevice, "2"],
     edges: Float[HostOrDevice, "3"],
 ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
     """Foot position and height of a person whose box has exactly these edges."""
+
+    def stand(column: Float[Array, ""]) -> Float[Array, "2"]:
+        foot = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
+        return jnp.stack(visible_foot(foot, station, -FOOT_AHEAD))
+
     column = edges[0]
     for _ in range(FOOT_ROUNDS):  # in a rolled camera, the foot is not below the box center
-        position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
+        position = stand(column)
         height = jnp.clip(height_at(matrix, position, edges[1]), *HEIGHT_BOUNDS)
-        predicted = box_edges(matrix, jnp.append(position, height))
+        predicted = box_edges(matrix, jnp.append(position, height), station, FOOT_AHEAD)
         limit = LARGEST_LEAN * (edges[2] - edges[1])
         column = column + jnp.clip(edges[0] - predicted[0], -limit, limit)
-    position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
+    position = stand(column)
     return position, height_at(matrix, position, edges[1])
 
 
@@ -218,7 +226,7 @@ def measure(
     hidden = 1 + constants.cover_slope * (jnp.clip(box.covered, free, full) - free)
     share = share.at[2].multiply(jnp.where(box.ankles, 1.0, constants.ankle_factor) * hidden)
 
-    position, height = implied_person(matrix, camera.ground_inverse, edges)
+    position, height = implied_person(matrix, camera.ground_inverse, camera.station, edges)
     deviation = jnp.sqrt(spread**2 + (usual[1] ** 2 + usual[2] ** 2))
     density = jnp.exp(-0.5 * ((height - 1) / deviation) ** 2) / (
         deviation * jnp.sqrt(jnp.array(2 * jnp.pi, dtype))
@@ -239,7 +247,7 @@ def measure(
     prior = jnp.array([0.0, 0.0, 1.0], dtype) / spread**2
 
     def step(state, _):
-        predicted, slopes = edges_and_slopes(matrix, state)
+        predicted, slopes = edges_and_slopes(matrix, state, camera.station, FOOT_AHEAD)
         weighted = slopes * precision[:, None]
         normal = weighted.T @ slopes + jnp.diag(prior)
         gradient = weighted.T @ (edges - predicted) + prior * (1 - state)
@@ -247,14 +255,14 @@ def measure(
         return state + invert_symmetric(normal) @ gradient, None
 
     state, _ = jax.lax.scan(step, start, None, length=NEWTON_STEPS)
-    predicted, slopes = edges_and_slopes(matrix, state)
+    predicted, slopes = edges_and_slopes(matrix, state, camera.station, FOOT_AHEAD)
     residual = edges - predicted + slopes @ state
     weighted = slopes * precision[:, None]
     normal = weighted.T @ slopes
     normal = (normal + normal.T) / 2  # rounding differs between the halves
     info = Information(normal, weighted.T @ residual, (precision * residual**2).sum())
     place, covariance = mean_and_covariance(info, spread)
-    _, _, nearest = box_ends(matrix, state)
+    _, _, nearest = box_ends(matrix, state, camera.station, FOOT_AHEAD)
     finite = jnp.isfinite(state).all() & jnp.isfinite(normal).all() & jnp.isfinite(info.constant)
     # Steps that reach the camera's plane produce unbounded slopes, which would outweigh all other
     # boxes of a group, so a box is valid only if its state explains it.
@@ -283,7 +291,7 @@ def measure_all(
         head_inverse=views.head_inverse[view],
         focal=views.focal[view],
         center=views.center[view],
-        station=views.station[camera],
+        station=views.station[view],
         heading=views.heading[camera],
         edge_noise=noise.edge[camera],
         field=noise.field[camera],

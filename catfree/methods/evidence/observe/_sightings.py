@@ -12,6 +12,7 @@ from catfree.geometry._buckets import in_blocks
 from catfree.geometry._person import box_edges
 from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import GroundViews
+from catfree.settings._calibration_settings import FOOT_AHEAD
 
 BLOCK = 256  # boxes predicted together; an instant of a running tracker is one block
 
@@ -59,30 +60,36 @@ def sightings_by_camera(
     for column in member.T:
         person = np.flatnonzero(column >= 0)
         box = column[person]
-        edges, slopes = predicted_edges(state[person], np.asarray(views.matrix)[view[box]])
+        edges, slopes = predicted_edges(
+            state[person], np.asarray(views.matrix)[view[box]], np.asarray(views.station)[view[box]]
+        )
         used, noise = (np.asarray(part)[box] for part in (measurements.used, measurements.noise))
         yield Sightings(person, box, edges, slopes, np.where(used, 1 / noise, 0.0))
 
 
 def predicted_edges(
-    state: Float[np.ndarray, "n 3"], matrix: Float[np.ndarray, "n 3 4"]
+    state: Float[np.ndarray, "n 3"],
+    matrix: Float[np.ndarray, "n 3 4"],
+    station: Float[np.ndarray, "n 2"],
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 4"]]:
     """Edges of the boxes that people should have, and their slopes; see `Sightings`.
 
     Args:
         state: (n, 3) positions and heights in H0.
         matrix: (n, 3, 4) projection of the pinhole that sees each of them.
+        station: (n, 2) its center projected onto the plane.
     """
-    return in_blocks(_edges_and_slopes, (state, matrix), BLOCK)
+    return in_blocks(_edges_and_slopes, (state, matrix, station), BLOCK)
 
 
 @jax.jit
 @jax.vmap
 def _edges_and_slopes(
-    state: Float[Array, "3"], matrix: Float[Array, "3 4"]
+    state: Float[Array, "3"], matrix: Float[Array, "3 4"], station: Float[Array, "2"]
 ) -> tuple[Float[Array, "3"], Float[Array, "3 4"]]:
     def edges(raised: Float[Array, "4"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        shown = box_edges(matrix.at[:, 3].add(raised[3] * matrix[:, 2]), raised[:3])
+        higher = matrix.at[:, 3].add(raised[3] * matrix[:, 2])
+        shown = box_edges(higher, raised[:3], station, FOOT_AHEAD)
         return shown, shown
 
     slopes, shown = jax.jacfwd(edges, has_aux=True)(jnp.append(state, 0))

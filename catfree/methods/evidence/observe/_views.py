@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from catfree.geometry._person import box_ends, edges_of, people_in_rig
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._local_pinholes import local_pinholes
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Lens, Rig, Scene
 
 IN_FRONT = 1e-6  # H0; points less far in front of a camera have no image
@@ -31,7 +32,7 @@ class GroundViews(eqx.Module):
         focal: (V,) in pixels.
         center: (V, 2) principal point of the camera in pixels.
         image_size: (C, 2) width and height in pixels.
-        station: (C, 2) the camera center projected onto the plane, in H0.
+        station: (V, 2) the camera center projected onto the plane, in H0.
         heading: (C, 2) unit viewing direction of the camera on the plane.
         registered: (C,) bool.
         origin: (2,) plane coordinates of the local origin in scene units.
@@ -45,7 +46,7 @@ class GroundViews(eqx.Module):
     focal: Float[np.ndarray, " view"]
     center: Float[np.ndarray, "view 2"]
     image_size: Float[np.ndarray, "cam 2"]
-    station: Float[np.ndarray, "cam 2"]
+    station: Float[np.ndarray, "view 2"]
     heading: Float[np.ndarray, "cam 2"]
     registered: Bool[np.ndarray, " cam"]
     origin: Float[np.ndarray, "2"]
@@ -87,7 +88,7 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
     place = ((R @ start + t) / unit)[..., None]
     turn = np.concatenate([R @ basis, (R @ normal)[..., None]], -1)
     bent = replace(rig, K=K, R=turn, t=place[..., 0]) if not rig.is_ideal else None
-    center = K[:, :2, 2]
+    center, station = K[:, :2, 2], (plane_centers - origin) / unit
     if boxes is not None and len(boxes.K):
         non_pinhole = np.flatnonzero(boxes.view >= count)
         camera = np.pad(
@@ -99,6 +100,7 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
         turn, place = np.concatenate([turn, own_turn]), np.concatenate([place, own_place])
         registered = np.concatenate([registered, np.ones(len(camera), bool)])
         center = np.concatenate([center, center[camera]])
+        station = np.concatenate([station, station[camera]])
     matrix = K @ np.concatenate([turn, place], -1)
     foot = matrix[..., [0, 1, 3]]
     head = np.concatenate([matrix[..., :2], matrix[..., 2:3] + matrix[..., 3:]], axis=-1)
@@ -112,7 +114,7 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
         focal=np.sqrt(np.abs(K[:, 0, 0] * K[:, 1, 1])),
         center=center.copy(),
         image_size=np.asarray(rig.image_size, np.float64).reshape(count, 2),
-        station=(plane_centers - origin) / unit,
+        station=station,
         heading=heading,
         registered=registered[:count],
         origin=origin,
@@ -135,11 +137,14 @@ def people_in_cameras(
         imaged: (H, C) whether the camera images both foot and head; false if it is unregistered.
     """
     count = len(views.registered)
-    head, foot, depth = box_ends(views.matrix[:count], np.asarray(state)[:, None])
+    people = np.asarray(state)
+    head, foot, depth = box_ends(
+        views.matrix[:count], people[:, None], views.station[:count], FOOT_AHEAD
+    )
     edges, imaged = edges_of(head, foot), depth > IN_FRONT
     if views.rig is not None:
         for camera in np.flatnonzero(views.registered):
-            head, foot, imaged[:, camera] = people_in_rig(views.rig, camera, np.asarray(state))
+            head, foot, imaged[:, camera] = people_in_rig(views.rig, camera, people, FOOT_AHEAD)
             edges[:, camera] = edges_of(head, foot)
     return edges, imaged & views.registered
 
@@ -162,7 +167,7 @@ def pinholes_towards(
     if rig is None or not views.registered[camera] or rig.lenses[camera] == Lens.PINHOLE:
         own = views.matrix[camera], views.focal[camera]
         return np.broadcast_to(own[0], (people, 3, 4)), np.broadcast_to(own[1], people)
-    edges = edges_of(*people_in_rig(rig, camera, state)[:2])
+    edges = edges_of(*people_in_rig(rig, camera, state, FOOT_AHEAD)[:2])
     middle = np.stack([edges[:, 0], edges[:, 1:].mean(-1)], -1)
     inside = np.clip(middle, 0, rig.image_size[camera] - 1)
     K, R, usable = local_pinholes(rig, np.full(people, camera), inside)

@@ -26,7 +26,8 @@ def design_sigma(
     info = np.tile(1e-6 * np.eye(3), (len(state), 1, 1))
     for camera, edge in enumerate(noise.edge):  # all slopes together would be large
         matrix, focal = pinholes_towards(state, camera, views)
-        _, slopes = predicted_edges(state, matrix)
+        station = np.broadcast_to(views.station[camera], (len(state), 2))
+        _, slopes = predicted_edges(state, matrix, station)
         height, floor = visibility.height[:, camera, None], noise.angular * focal[:, None]
         weight = visibility.inside[:, camera, None] / edge_deviation(height, edge, floor) ** 2
         info += np.einsum("nki,nk,nkj->nij", slopes[..., :3], weight, slopes[..., :3])

@@ -4,7 +4,6 @@ import dataclasses
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -21,13 +20,19 @@ from catfree.methods.evidence.observe._measurement import (
 )
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.settings import EvidenceSettings
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
 
 RULES = EvidenceSettings()
 CAMERAS = 5
 VIEWS = ground_views(make_scene(make_rig(CAMERAS, roll=0.15)), HEIGHT)
 SIDE, TOP, BOTTOM = range(3)
-shown = jax.vmap(box_edges, (0, 0))
+
+
+def shown(camera, state):
+    """The exact boxes of people."""
+    return box_edges(VIEWS.matrix[camera], state, VIEWS.station[camera], FOOT_AHEAD)
+
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("x64")]
 
@@ -71,8 +76,7 @@ def people(seed, count=12):
     rng = np.random.default_rng(seed)
     state = np.column_stack([rng.uniform(-2, 2, (count, 2)), np.ones(count)])
     camera = rng.integers(0, CAMERAS, count)
-    edges = shown(jnp.asarray(VIEWS.matrix[camera]), jnp.asarray(state))
-    return state, Rows(np.array(edges), camera)
+    return state, Rows(shown(camera, state), camera)
 
 
 def disturbed(seed):
@@ -92,8 +96,9 @@ seeds = st.integers(0, 10**6)
 def test_feet_and_height_that_a_box_in_a_rolled_camera_implies(seed):
     # The foot is a sixth of the height beside the box centre there; two rounds leave the square.
     state, rows = people(seed)
-    matrix, inverse = (np.asarray(a)[rows.camera] for a in (VIEWS.matrix, VIEWS.ground_inverse))
-    position, height = jax.vmap(implied_person)(matrix, inverse, rows.edges)
+    known = VIEWS.matrix, VIEWS.ground_inverse, VIEWS.station
+    cameras = (np.asarray(part)[rows.camera] for part in known)
+    position, height = jax.vmap(implied_person)(*cameras, rows.edges)
     np.testing.assert_allclose(height, state[:, 2], atol=0.02)
     np.testing.assert_allclose(position, state[:, :2], atol=0.02)
 
@@ -110,8 +115,7 @@ def test_an_exact_box_is_a_person_of_usual_height_where_they_stand(seed):
 def test_the_likelihood_is_that_of_the_edges_about_the_most_likely_person(seed):
     found = (rows := disturbed(seed)).measured()
     precision = np.where(found.used, found.noise**-2.0, 0)
-    cameras = jnp.asarray(VIEWS.matrix[rows.camera])
-    edges = lambda s: np.asarray(shown(cameras, jnp.asarray(s)))  # noqa: E731
+    edges = lambda s: shown(rows.camera, s)  # noqa: E731
     state = place_of(found)[0]
     step = 1e-6
     slopes = np.stack(

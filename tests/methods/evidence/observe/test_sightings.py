@@ -6,6 +6,7 @@ import pytest
 from catfree.geometry._person import box_edges
 from catfree.methods.evidence.observe._sightings import sightings_by_camera
 from catfree.methods.evidence.observe._views import ground_views
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, measured
 
 STEP = 1e-5
@@ -30,7 +31,7 @@ def test_edges_are_projected_and_slopes_are_differences(people):
         def edges(move, above=0.0, people=state[seen.person], camera=camera):
             matrix = views.matrix[camera].copy()
             matrix[:, 3] += above * matrix[:, 2]
-            return box_edges(matrix, people + move)
+            return box_edges(matrix, people + move, views.station[camera], FOOT_AHEAD)
 
         np.testing.assert_allclose(seen.edges, edges(0), rtol=1e-9)
         moves = [*((move, 0) for move in np.eye(3)), (np.zeros(3), 1)]

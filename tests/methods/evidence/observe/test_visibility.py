@@ -1,7 +1,6 @@
 """Who should be seen: hiding people, borders, and detection rates."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -17,6 +16,7 @@ from catfree.methods.evidence.observe._visibility import (
     usual_heights,
 )
 from catfree.settings import EvidenceSettings
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from tests.methods.evidence.evidence_worlds import HEIGHT, bare_boxes, make_rig, make_scene
 
 RULES = EvidenceSettings()
@@ -40,9 +40,7 @@ def seen(state, member=None, box=None, frame=None, table=None):
 
 def outline(state, camera):
     """The box (4,) of a person of the usual width."""
-    column, top, bottom = map(
-        float, box_edges(jnp.asarray(VIEWS.matrix[camera]), jnp.asarray(state))
-    )
+    column, top, bottom = box_edges(VIEWS.matrix[camera], state, VIEWS.station[camera], FOOT_AHEAD)
     half = ASPECT / 2 * (bottom - top)
     return np.array([column - half, top, column + half, bottom])
 

@@ -9,6 +9,7 @@ from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._uneven_ground import ground_shift, usual_shift
 from catfree.methods.evidence.track._tracking import Trails
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, measured, walk
 
 RULES = EvidenceSettings()
@@ -39,9 +40,11 @@ def test_one_camera_moves_a_raised_person_away_by_distance_over_height():
     shift, xy = shift_seen_by([0], rig)
     views = ground_views(make_scene(rig), HEIGHT)
     away = xy - views.station[0]
-    # Raised by z the foot moves away by z / camera height, the head by z / (camera height - H).
+    # Raised by z the visible foot, which is nearer than the body, moves away by z / camera height,
+    # and the head by z / (camera height - H).
     ratio = shift @ away / (away @ away)
-    assert HEIGHT / 3.0 < ratio < HEIGHT / (3.0 - HEIGHT)
+    nearer = 1 - FOOT_AHEAD / np.linalg.norm(away)
+    assert nearer * HEIGHT / 3.0 < ratio < HEIGHT / (3.0 - HEIGHT)
     assert ratio * np.linalg.norm(away) == pytest.approx(np.linalg.norm(shift), rel=1e-3)
 
 
