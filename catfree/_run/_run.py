@@ -10,6 +10,7 @@ import numpy as np
 from catfree._run._cache import StageCache
 from catfree._run._input_checks import (
     Recording,
+    before_damage,
     calibration_warnings,
     clock_warnings,
     footage_warnings,
@@ -275,12 +276,8 @@ def run_stages(
             cameras = CameraDetectors(recording, detector, cache, progress, workers=workers)
             stack.enter_context(cameras)
             so_far.detections = detections = detect_with_cache(recording, cameras, embedder, cache)
-            if recording.interruption is not None:
-                so_far.warnings += (
-                    f"Used only the footage before the damage, {recording.whole} of "
-                    f"{len(recording)} instants: {recording.interruption}",
-                )
-                so_far.recording = recording = recording.before_interruption()
+            recording, damage = before_damage(recording)
+            so_far.recording, so_far.warnings = recording, so_far.warnings + damage
             if reconstructor is not None:
                 scene = reconstruct(
                     recording, reconstructor, detections, cache=cache, progress=progress
