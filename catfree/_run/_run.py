@@ -210,7 +210,7 @@ def run_stages(
 
     Args:
         videos: as `run`, or the boxes of all cameras, with the sizes of their images if there is no
-            scene; nobody is detected then.
+            scene; nobody is detected then, and embedder and reconstructor are refused.
         detector: as `run`.
         embedder: as `run`.
         reconstructor: as `run`.
@@ -252,6 +252,11 @@ def run_stages(
     so_far.recording = recording
     # What is wrong is told before the long work.
     if isinstance(recording, CameraBoxes):
+        for name in ("embedder", "reconstructor"):
+            if stages[name] is not None:
+                raise InvalidInputError(
+                    f"The {name} needs images, and boxes have none. Leave it out, or pass videos."
+                )
         boxes = recording.detections
         require_no_boxes(recording.silent, boxes.frame, boxes.camera, recording.camera_names)
     else:
