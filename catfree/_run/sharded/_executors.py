@@ -19,7 +19,7 @@ from catfree.settings import Settings
 from catfree.types import Scene
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import processor_count
-from catfree.types._validation import as_count, require_instance
+from catfree.types._validation import as_count, as_instances, require_instance
 
 MEMORY_PER_WORKER = 1.5e9  # bytes for a shard of ten minutes
 RETRIES = 2  # of a shard whose Dask worker died
@@ -212,8 +212,7 @@ def error_of(task: Future[Any], name: str) -> CatFreeError | None:
 
 def _by_recording(plan: Sequence[Shard]) -> dict[Recording, list[Shard]]:
     recordings: dict[Recording, list[Shard]] = {}
-    for shard in plan:
-        require_instance(shard, Shard, "an entry of the plan")
+    for shard in as_instances(plan, Shard, "plan"):
         recordings.setdefault((shard.site, shard.date), []).append(shard)
     if not recordings:
         raise InvalidInputError("The plan is empty. Make one with cf.shards.")

@@ -56,7 +56,7 @@ from catfree.errors import (
 from catfree.settings import Settings
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import as_number, as_path, as_pictures
+from catfree.types._validation import as_instances, as_number, as_path, as_pictures
 from catfree.types._writing import make_folder
 
 MOST_TRIES = 4  # stretches of a recording from which its cameras may be found
@@ -138,6 +138,7 @@ def run_sites(
         InvalidInputError: if two recordings have the same name and date, or one site has two
             scenes, units or lists of anchors, or as `run_shards`.
     """
+    sites = as_instances(sites, Site, "sites")
     names = [(site.name, site.date) for site in sites]
     for name in names:
         if not name[0] or names.count(name) > 1:
