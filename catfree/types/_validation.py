@@ -74,7 +74,7 @@ def require_instance(value: Any, kind: type, name: str) -> None:
 
 
 def as_path(value: Any, name: str) -> Path:
-    """Convert a path of text or of any path type.
+    """Convert a path of text or of any path type, with the home directory in place of `~`.
 
     Raises:
         InvalidInputError: if it is something else, or no file can have such a path.
@@ -82,6 +82,7 @@ def as_path(value: Any, name: str) -> Path:
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
         raise InvalidInputError(f"{name} must be a path, got {type(value).__name__}.")
+    text = os.path.expanduser(text)
     try:
         os.lstat(text)
     except ValueError as error:  # NUL, or half a surrogate pair

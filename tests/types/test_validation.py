@@ -377,6 +377,8 @@ def test_names_of_existing_files_are_paths(tmp_path):
     assert as_path(str(longest), "path") == longest
     assert as_path(longest, "path") == longest
     assert as_path("nowhere/at/all", "path") == Path("nowhere/at/all")
+    assert as_path("~/boxes.csv", "path") == Path.home() / "boxes.csv"
+    assert as_path("./~/boxes.csv", "path") == Path("~/boxes.csv")
     name = "x" * 256
     with pytest.raises(InvalidInputError, match=r"^path is 'xxx.*xxx', which is too long for a"):
         as_path(name, "path")

@@ -19,7 +19,7 @@ from catfree.settings import Settings
 from catfree.types import Scene
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import processor_count
-from catfree.types._validation import as_count, as_instances, require_instance
+from catfree.types._validation import as_count, as_instances, as_path, require_instance
 
 MEMORY_PER_WORKER = 1.5e9  # bytes for a shard of ten minutes
 RETRIES = 2  # of a shard whose Dask worker died
@@ -82,7 +82,7 @@ def run_shards(
                 run_shard,
                 shard,
                 scene=scenes[shard.site, shard.date],
-                out=os.path.abspath(out),  # workers may be in another folder
+                out=os.path.abspath(as_path(out, "out")),  # workers may be in another folder
                 settings=settings,
                 detector=detector if shard.videos else None,
                 embedder=embedder if shard.videos else None,

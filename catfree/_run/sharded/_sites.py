@@ -230,7 +230,8 @@ def _absolute(value: Any) -> Any:
     """Return a path, or each one of a list, from the root; anything else as it is."""
     if isinstance(value, list | tuple):
         return tuple(map(_absolute, value))
-    return os.path.abspath(value) if isinstance(value, str | os.PathLike) else value
+    is_path = isinstance(value, str | os.PathLike)
+    return os.path.abspath(os.path.expanduser(value)) if is_path else value
 
 
 def _silent(site: Site, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"] | None:
@@ -365,7 +366,7 @@ def _scenes(
             continue
         try:
             if site.scene is None:
-                folder = os.path.abspath(out)
+                folder = os.path.abspath(as_path(out, "out"))
                 task = submitted(pool, calibrate_site, site, folder, settings, detector)
                 tasks[task] = site.name
             elif isinstance(site.scene, Scene):
