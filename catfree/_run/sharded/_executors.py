@@ -199,8 +199,8 @@ def error_of(task: Future[Any], name: str) -> CatFreeError | None:
         reason = type(error)(f"{name}: {error}")
     elif isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":
         reason = CatFreeError(
-            f"{name}: its worker process died; it was killed or ran out of memory. Run again: "
-            "finished shards are kept."
+            f"{name}: its worker process died; it was killed or ran out of memory, or a script "
+            "starts it without `if __name__ == '__main__':`. Run again: finished shards are kept."
         )
     elif isinstance(error, Exception):  # of a detector or embedder of anybody's
         reason = CatFreeError(f"{name}: {type(error).__name__}: {error}")
