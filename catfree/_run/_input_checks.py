@@ -225,6 +225,20 @@ def footage_warnings(videos: SynchronizedVideos) -> tuple[str, ...]:
     return lost_footage(videos) + gaps + missing_images(videos) + unknown_times(videos)
 
 
+def before_damage(videos: SynchronizedVideos) -> tuple[SynchronizedVideos, tuple[str, ...]]:
+    """Return the footage before any damage at which the last iteration ended, and a warning of it.
+
+    Args:
+        videos: after an iteration over them.
+    """
+    if videos.interruption is None:
+        return videos, ()
+    return videos.before_interruption(), (
+        f"Used only the footage before the damage, {videos.whole} of {len(videos)} instants: "
+        f"{videos.interruption}",
+    )
+
+
 def missing_pictures(videos: SynchronizedVideos) -> tuple[str, ...]:
     """Warn about cameras that lack pictures of some instants, which the others show.
 

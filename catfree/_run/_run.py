@@ -10,6 +10,7 @@ import numpy as np
 from catfree._run._cache import StageCache
 from catfree._run._input_checks import (
     Recording,
+    before_damage,
     calibration_warnings,
     clock_warnings,
     footage_warnings,
@@ -209,7 +210,7 @@ def run_stages(
 
     Args:
         videos: as `run`, or the boxes of all cameras, with the sizes of their images if there is no
-            scene; nobody is detected then.
+            scene; nobody is detected then, and embedder and reconstructor are refused.
         detector: as `run`.
         embedder: as `run`.
         reconstructor: as `run`.
@@ -251,6 +252,11 @@ def run_stages(
     so_far.recording = recording
     # What is wrong is told before the long work.
     if isinstance(recording, CameraBoxes):
+        for name in ("embedder", "reconstructor"):
+            if stages[name] is not None:
+                raise InvalidInputError(
+                    f"The {name} needs images, and boxes have none. Leave it out, or pass videos."
+                )
         boxes = recording.detections
         require_no_boxes(recording.silent, boxes.frame, boxes.camera, recording.camera_names)
     else:
@@ -275,12 +281,8 @@ def run_stages(
             cameras = CameraDetectors(recording, detector, cache, progress, workers=workers)
             stack.enter_context(cameras)
             so_far.detections = detections = detect_with_cache(recording, cameras, embedder, cache)
-            if recording.interruption is not None:
-                so_far.warnings += (
-                    f"Used only the footage before the damage, {recording.whole} of "
-                    f"{len(recording)} instants: {recording.interruption}",
-                )
-                so_far.recording = recording = recording.before_interruption()
+            recording, damage = before_damage(recording)
+            so_far.recording, so_far.warnings = recording, so_far.warnings + damage
             if reconstructor is not None:
                 scene = reconstruct(
                     recording, reconstructor, detections, cache=cache, progress=progress

@@ -30,7 +30,6 @@ from catfree.cli._inputs import (
 )
 from catfree.cli._shard_commands import join, plan, run_sites, shard
 from catfree.cli._terminal import (
-    fail,
     print_result,
     print_table,
     print_text,
@@ -400,6 +399,7 @@ def calibrate(
     require_offset(max_offset)
     from catfree._run._cache import StageCache
     from catfree._run._input_checks import (
+        before_damage,
         calibration_warnings,
         footage_warnings,
         require_distinct_videos,
@@ -439,6 +439,8 @@ def calibrate(
             with CameraDetectors(source, finder, stages, progress, workers=workers) as cameras:
                 boxes = detect_with_cache(source, cameras, None, stages)
             unfinished.detections = boxes
+            unfinished.recording, damage = before_damage(source)
+            unfinished.warnings += damage
         calibration = calibrate_cameras(
             source,
             finder,
@@ -450,8 +452,6 @@ def calibrate(
             progress=progress,
         )
         warnings = unfinished.warnings + calibration_warnings(calibration, boxes, source, settings)
-    if not of_boxes and source.interruption is not None:
-        fail(f"Used only the footage before the damage: {source.interruption}")
     write_rig(out, calibration.scene, source.camera_names)
     warn(warnings)
     print_table(camera_table(calibration.scene, source.camera_names, calibration))

@@ -147,14 +147,14 @@ def height_consistency(
     where = as_mask(where, heights.shape)
     values = jnp.where(where, heights, 0)
     count = jnp.maximum(jnp.sum(where), 1).astype(values.dtype)
-    mean = jnp.sum(values) / count
-    deviation = jnp.where(where, values - mean, 0)
-    variance = jnp.sum(jnp.square(deviation)) / count
     magnitude = jnp.sum(jnp.abs(values)) / count
     comparable = (jnp.sum(where) >= 2) & (magnitude > 0)
-    spread = jnp.sqrt(jnp.where(comparable & (variance > 0), variance, 1))
-    spread = jnp.where(variance > 0, spread, 0)
-    return jnp.where(comparable, -spread / jnp.where(comparable, magnitude, 1), jnp.nan)
+    # Squares of heights themselves overflow in some units.
+    values = values / jnp.where(comparable, magnitude, 1)
+    deviation = jnp.where(where, values - jnp.sum(values) / count, 0)
+    variance = jnp.sum(jnp.square(deviation)) / count
+    spread = jnp.sqrt(jnp.where(variance > 0, variance, 1))
+    return jnp.where(comparable, -jnp.where(variance > 0, spread, 0), jnp.nan)
 
 
 def _standardize(values: Float[Array, " h"], valid: Bool[Array, " h"]) -> Float[Array, " h"]:
@@ -164,6 +164,8 @@ def _standardize(values: Float[Array, " h"], valid: Bool[Array, " h"]) -> Float[
     # Centering twice brings a constant column to 0 within its rounding.
     values = jnp.where(valid, values - jnp.sum(values) / count, 0)
     values = jnp.where(valid, values - jnp.sum(values) / count, 0)
+    largest = jnp.max(jnp.abs(values), initial=0)  # whose square overflows in some units
+    values = values / jnp.where(largest > 0, largest, 1)
     variance = jnp.sum(jnp.square(values)) / count
     return values / jnp.sqrt(jnp.where(variance > 0, variance, 1))
 

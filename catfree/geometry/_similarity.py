@@ -59,10 +59,19 @@ class Similarity(eqx.Module):
             )
 
     def __call__(self, points: Real[HostOrDevice, "*batch dim"]) -> Float[Array, "*batch dim"]:
-        """Move points (..., D) from the source frame to the target frame."""
+        """Move points (..., D) from the source frame to the target frame.
+
+        Raises:
+            InvalidInputError: if points have another number of coordinates.
+        """
         points, scale, rotation, translation = float_arrays(
             points, self.scale, self.rotation, self.translation
         )
+        if points.shape[-1:] != translation.shape:
+            raise InvalidInputError(
+                f"points have shape {points.shape}; this similarity moves points (..., "
+                f"{len(translation)})."
+            )
         return scale * jnp.einsum("ij,...j->...i", rotation, points) + jnp.broadcast_to(
             translation, points.shape
         )
@@ -74,9 +83,8 @@ class Similarity(eqx.Module):
 
     def compose(self, first: "Similarity") -> "Similarity":
         """The transform that applies `first`, then this one; also written `self @ first`."""
-        return Similarity(
-            self.scale * first.scale, self.rotation @ first.rotation, self(first.translation)
-        )
+        translation = self(first.translation)
+        return Similarity(self.scale * first.scale, self.rotation @ first.rotation, translation)
 
     def __matmul__(self, first: "Similarity") -> "Similarity":
         """`(a @ b)(x) == a(b(x))`."""

@@ -53,7 +53,7 @@ def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, ob
             stream.seek(0)
             stream.truncate()
             np.savez(stream, allow_pickle=False, **present)
-    return Path(path)
+    return as_path(path, "path")
 
 
 def load_arrays(

@@ -43,7 +43,8 @@ class GeoReference:
         """
         for name in ("longitude", "latitude", "heading"):
             as_number(getattr(self, name), f"{name} of a georeference")
-        as_finite(self.origin, (2,), "origin of a georeference")
+        origin = as_finite(self.origin, (2,), "origin of a georeference")
+        object.__setattr__(self, "origin", tuple(origin.tolist()))
         as_positive(self.meters_per_unit, "meters_per_unit of a georeference")
         _require_on_earth(np.array([[self.longitude, self.latitude]]))
 

@@ -6,6 +6,8 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Int, Shaped
 
+from catfree.errors import InvalidInputError, quoted
+
 T = TypeVar("T")
 
 
@@ -16,8 +18,20 @@ def select_rows(record: T, count: int, rows: Any) -> T:
         record: whose fields are arrays of `count` rows, None, or a `clock`.
         count: their number.
         rows: a slice, a boolean mask, an index or an integer array.
+
+    Raises:
+        IndexError: if there is no row with an index.
+        InvalidInputError: if a mask or an array does not fit.
     """
-    chosen = np.arange(count)[rows].reshape(-1)
+    try:
+        chosen = np.arange(count)[rows].reshape(-1)
+    except IndexError as error:
+        if isinstance(rows, int):
+            raise  # Python ends an iteration by it
+        raise InvalidInputError(
+            f"{count} rows are selected by a slice, a mask of as many booleans, or whole numbers "
+            f"below {count}: {quoted(error)}."
+        ) from error
     columns: dict[str, Any] = vars(record)
     selected = {
         name: column[chosen]

@@ -20,6 +20,7 @@ from catfree.errors import InvalidInputError, quoted, shortened
 T = TypeVar("T")
 
 FEWEST_TWINS = 10  # boxes of a camera: fewer may be alike in two cameras by chance
+LARGEST_PIXEL = 1e9  # of a corner; an image has some 1e5, and larger squares overflow
 MOST_OUTSIDE = 0.25  # of the boxes of a camera: those of people who are mostly out of view
 MOST_BOXES = 5000  # at an instant: the densest benchmark crowd seen by 20 cameras
 MOST_PEOPLE = 1000  # in a picture: benchmarks of dense crowds have up to 250
@@ -73,7 +74,7 @@ def require_instance(value: Any, kind: type, name: str) -> None:
 
 
 def as_path(value: Any, name: str) -> Path:
-    """Convert a path of text or of any path type.
+    """Convert a path of text or of any path type, with the home directory in place of `~`.
 
     Raises:
         InvalidInputError: if it is something else, or no file can have such a path.
@@ -81,6 +82,7 @@ def as_path(value: Any, name: str) -> Path:
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
         raise InvalidInputError(f"{name} must be a path, got {type(value).__name__}.")
+    text = os.path.expanduser(text)
     try:
         os.lstat(text)
     except ValueError as error:  # NUL, or half a surrogate pair
@@ -358,7 +360,9 @@ def require_boxes(
     score: np.ndarray | None,
     keypoints: np.ndarray | None,
 ) -> None:
-    """Raise at the first box without area, score outside [0, 1] or number that is not finite.
+    """Raise at the first bad box, score outside [0, 1] or number that is not finite.
+
+    A box is bad if it is without area, or farther out than any image reaches.
 
     Args:
         count: N, the number of boxes.
@@ -368,6 +372,8 @@ def require_boxes(
     """
     require_shape(box, (count, 4), "box")
     require_finite(box, "box")
+    far = (np.abs(box) > LARGEST_PIXEL).any(axis=1)
+    refuse(far, box, "box", f"; corners lie within {LARGEST_PIXEL:g} pixels.")
     empty = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
     refuse(empty, box, "box", "; it must be x1 < x2, y1 < y2 in pixels (xyxy, not xywh).")
     if score is not None:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from catfree.adapters.files._documents import write_text_atomically
 from catfree.errors import InvalidInputError
 from catfree.types import Tracks
-from catfree.types._validation import as_count, as_positive, require_instance
+from catfree.types._validation import as_count, as_path, as_positive, require_instance
 
 MOST_CELLS = 4_000_000
 
@@ -99,7 +99,8 @@ def write_heat_map(path: str | os.PathLike[str], heat: HeatMap) -> Path:
         InvalidInputError: if the folder does not exist, or the path is that of a picture.
         WriteError: if the disk is full or not writable.
     """
-    target = Path(path)
+    require_instance(heat, HeatMap, "heat")
+    target = as_path(path, "path")
     if target.suffix.lower() == ".png":
         raise InvalidInputError(
             f"The table of a heat map is a CSV file, not {target}: name "

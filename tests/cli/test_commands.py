@@ -551,6 +551,13 @@ def test_calibrate_and_run_on_footage_without_people(tmp_path, capsys):
         last = capsys.readouterr().err.strip().splitlines()[-1]
         assert last.startswith("catfree: ")
         assert not (out / "scene.json").exists()
+    (tmp_path / "c1" / "9.png").write_bytes(b"no picture")
+    for command in ("calibrate", "run"):
+        words = ["--keep-before-damage", "--out", str(tmp_path / f"damaged_{command}")]
+        assert cli.main([command, *videos, *words]) == 1
+        assert len([one for one in capsys.readouterr().err.splitlines() if "catfree: " in one]) == 1
+        report = (tmp_path / f"damaged_{command}" / "report.md").read_text()
+        assert "Used only the footage before the damage, 9 of 10 instants: Camera 1" in report
     (tmp_path / "anchors.json").write_text('{"cameras": [{"camera": "nord", "height": 4}]}')
     for command in ("calibrate", "run"):  # a misspelled name is told before detection
         words = ["--anchors", str(tmp_path / "anchors.json"), "--out", str(tmp_path / "misspelled")]

@@ -55,6 +55,17 @@ def test_score_equals_its_definition(x64, seed, flip):
     assert (result.weights[Signal.RECONSTRUCTION_CONFIDENCE] > 0) == (not flip)
 
 
+@pytest.mark.parametrize("unit", [1e-25, 1e25])
+def test_the_smallest_and_largest_units_do_not_matter(dtype, unit):
+    signals, _ = signals_of(0)
+    plain, moved = (score_of((signals * factor).astype(dtype)) for factor in (1, unit))
+    np.testing.assert_allclose(moved.score, plain.score, atol=1e-5)
+    heights = np.array([1.6, 2.0, 0.0]) * unit
+    where = np.array([True, True, False])
+    consistency = filters.height_consistency(heights.astype(dtype), where)
+    np.testing.assert_allclose(consistency, -0.2 / 1.8, rtol=1e-6)
+
+
 @pytest.mark.slow
 @given(seed=st.integers(0, 1000), data=st.data())
 def test_units_and_order_do_not_matter(x64, seed, data):

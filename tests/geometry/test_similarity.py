@@ -301,6 +301,13 @@ def test_parts_of_different_dimensions_are_refused(part, values):
         Similarity(**parts)
 
 
+def test_points_of_other_dimensions_are_refused():
+    plan, space = Similarity.identity(2), Similarity.identity(3)
+    for use in (lambda: space(np.zeros((5, 2))), lambda: plan @ space):
+        with pytest.raises(InvalidInputError, match=r"this similarity moves points \(\.\.\., \d\)"):
+            use()
+
+
 def test_what_cannot_be_moved_is_told_so():
     rig = Rig(np.eye(3)[None], np.eye(3)[None], np.zeros((1, 3)), (9, 9))
     ground = Plane([0.0, 0.0, 1.0], 1.0)

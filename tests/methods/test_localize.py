@@ -329,11 +329,14 @@ def test_boxes_alone_in_whole_pixels():
     assert len(found.tracks) > 0
 
 
-def test_zero_embeddings_are_finite():
+def test_zero_embeddings_count_as_none():
     nothing = np.zeros((len(WORLD.detections), 4))
-    seen = Detections(**(vars(WORLD.detections) | {"embedding": nothing}))
-    found = cf.localize(seen, WORLD.scene, PAPER)
-    assert np.isfinite(found.tracks.position).all()
+    zeros, none = (
+        cf.localize(dataclasses.replace(WORLD.detections, embedding=looks), WORLD.scene, PAPER)
+        for looks in (nothing, None)
+    )
+    assert len(zeros.tracks)
+    np.testing.assert_array_equal(zeros.tracks.position, none.tracks.position)
 
 
 def test_doubled_detections_do_not_double_people(reference):

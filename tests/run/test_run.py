@@ -603,6 +603,13 @@ def test_cameras_that_share_nobody_stay_as_given():
     assert found.warnings[0].startswith("The cameras were not adjusted to the people. No person")
 
 
+@pytest.mark.parametrize("name", ["embedder", "reconstructor"])
+def test_what_needs_images_is_refused_with_boxes(name):
+    boxes = CameraBoxes(small_world().detections, ("a", "b", "c"))
+    with pytest.raises(InvalidInputError, match=f"The {name} needs images, and boxes have none"):
+        run_stages(boxes, **{name: Unused()})
+
+
 def test_anchors_are_for_cameras_found_from_people():
     known = [KnownCamera(0, height=4.0)]
     with pytest.raises(InvalidInputError, match="found from people"):

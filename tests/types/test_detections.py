@@ -87,6 +87,7 @@ def test_an_error_names_the_first_bad_entry(count, data):
         ({"frame": ["a"] * 4}, "frame must hold whole numbers"),
         ({"frame": [0, 0, 0, 1e30]}, r"frame\[3\]"),
         ({"box": [["a"] * 4] * 4}, "Expected numbers"),
+        ({"box": [[0, 0, 9, 9]] * 3 + [[0, 0, 9, 1e300]]}, r"box\[3\] .* within 1e\+09 pixels"),
         ({"score": np.zeros(3)}, r"score must have shape \(4\)"),
         ({"score": [0, 0, np.nan, 0]}, r"score\[2\] is not finite"),
         ({"ankles_confirmed": np.zeros(3)}, "ankles_confirmed must have shape"),
@@ -123,6 +124,14 @@ def test_rows_are_chosen_as_in_numpy():
         for name, column in vars(seen).items():
             if column is not None:
                 np.testing.assert_array_equal(getattr(chosen, name), column[wanted])
+
+
+def test_rows_that_do_not_exist_are_told():
+    seen = complete(5)
+    for rows in (np.ones(4, bool), [7], "frame", [0.5]):
+        with pytest.raises(InvalidInputError, match="5 rows are selected by a slice, a mask of as"):
+            seen[rows]
+    assert len(list(seen)) == 5
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """Ground coordinates and places on Earth: an independent computation agrees, and both ways do."""
 
+import inspect
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -99,6 +101,14 @@ def test_files_keep_the_place_and_old_files_have_none(tmp_path):
         assert cf.Scene.load(tmp_path / "scene.npz").georeference == place
         cf.adapters.write_scene_json(tmp_path / "scene.json", scene)
         assert cf.read_scene(tmp_path / "scene.json")[0].georeference == place
+
+
+@pytest.mark.parametrize("kind", [list, np.array])
+def test_an_origin_may_be_any_pair(kind):
+    tuples = cf.GeoReference(8.5, 47.3, 30.0, (1.0, 2.0))
+    earth = object.__new__(cf.GeoReference)
+    inspect.unwrap(cf.GeoReference.__init__)(earth, 8.5, 47.3, 30.0, kind((1.0, 2.0)))
+    assert hash(earth) == hash(tuples)
 
 
 @pytest.mark.parametrize(

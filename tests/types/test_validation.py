@@ -34,8 +34,10 @@ from catfree.types._validation import (
 SWAPPED = """
 import numpy as np
 import catfree as cf
+from catfree import adapters, viz
 from catfree.evaluation import bootstrap, combine_detection, combine_hota, combine_tracking
 from catfree.evaluation import detection_metrics, ellipse_coverage
+from catfree.methods.paper._assemble import empty_localization
 
 rig = cf.Rig(
     np.tile([[900.0, 0, 960], [0, 900, 540], [0, 0, 1]], (2, 1, 1)),
@@ -48,6 +50,7 @@ scene = cf.Scene(rig, ground, 10.0)
 people = cf.Detections([0, 0], [0, 1], [[0, 0, 10, 20.0]] * 2)
 rows = [[0, 0, 0.0, 0.0]]
 metrics = detection_metrics(rows, rows)
+found = empty_localization(2)
 calls = {
     "Settings, confidence in percent": lambda: cf.Settings(confidence=30.0),
     "Settings, confidence NaN": lambda: cf.Settings(calibration_confidence=np.nan),
@@ -80,6 +83,21 @@ calls = {
     "combine, no list": lambda: combine_tracking(metrics),
     "combine, of another kind": lambda: combine_hota([metrics]),
     "ellipse_coverage, no level": lambda: ellipse_coverage(rows, rows, [np.eye(2)], level=None),
+    "plot_bird_eye, swapped": lambda: viz.plot_bird_eye(scene, found),
+    "plot_bird_eye, no scene": lambda: viz.plot_bird_eye(found, people),
+    "plot_coverage, swapped": lambda: viz.plot_coverage(scene, cf.coverage(scene)),
+    "plot_gates, tracks": lambda: viz.plot_gates(found.tracks, scene),
+    "plot_heat_map, tracks": lambda: viz.plot_heat_map(found.tracks),
+    "write_heat_map, swapped": lambda: viz.write_heat_map(found, "heat.csv"),
+    "write_glb, a localization": lambda: viz.write_glb("scene.glb", found),
+    "write_overlay_video, no path": lambda: viz.write_overlay_video(None, [], people, found, scene),
+    "write_colmap_text, swapped": lambda: adapters.write_colmap_text(rig, "folder"),
+    "write_trackeval, swapped": lambda: adapters.write_trackeval(found.tracks, "folder", rows, [0]),
+    "write_mot_boxes, tracks": lambda: adapters.write_mot_boxes("a.txt", found.tracks, [0]),
+    "write_detections_parquet": lambda: adapters.write_detections_parquet("a.parquet", found),
+    "detect_videos, paths": lambda: adapters.detect_videos(["a.mp4", "b.mp4"], print),
+    "run_shards, nothing": lambda: cf.run_shards(None, scene=scene, out="folder"),
+    "run_sites, a path": lambda: cf.run_sites("sites.toml", out="folder"),
 }
 for name, call in calls.items():
     try:
@@ -359,6 +377,8 @@ def test_names_of_existing_files_are_paths(tmp_path):
     assert as_path(str(longest), "path") == longest
     assert as_path(longest, "path") == longest
     assert as_path("nowhere/at/all", "path") == Path("nowhere/at/all")
+    assert as_path("~/boxes.csv", "path") == Path.home() / "boxes.csv"
+    assert as_path("./~/boxes.csv", "path") == Path("~/boxes.csv")
     name = "x" * 256
     with pytest.raises(InvalidInputError, match=r"^path is 'xxx.*xxx', which is too long for a"):
         as_path(name, "path")

@@ -19,7 +19,7 @@ from catfree.settings import Settings
 from catfree.types import Scene
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import processor_count
-from catfree.types._validation import as_count, require_instance
+from catfree.types._validation import as_count, as_instances, as_path, require_instance
 
 MEMORY_PER_WORKER = 1.5e9  # bytes for a shard of ten minutes
 RETRIES = 2  # of a shard whose Dask worker died
@@ -82,7 +82,7 @@ def run_shards(
                 run_shard,
                 shard,
                 scene=scenes[shard.site, shard.date],
-                out=os.path.abspath(out),  # workers may be in another folder
+                out=os.path.abspath(as_path(out, "out")),  # workers may be in another folder
                 settings=settings,
                 detector=detector if shard.videos else None,
                 embedder=embedder if shard.videos else None,
@@ -199,8 +199,8 @@ def error_of(task: Future[Any], name: str) -> CatFreeError | None:
         reason = type(error)(f"{name}: {error}")
     elif isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":
         reason = CatFreeError(
-            f"{name}: its worker process died; it was killed or ran out of memory. Run again: "
-            "finished shards are kept."
+            f"{name}: its worker process died; it was killed or ran out of memory, or a script "
+            "starts it without `if __name__ == '__main__':`. Run again: finished shards are kept."
         )
     elif isinstance(error, Exception):  # of a detector or embedder of anybody's
         reason = CatFreeError(f"{name}: {type(error).__name__}: {error}")
@@ -212,8 +212,7 @@ def error_of(task: Future[Any], name: str) -> CatFreeError | None:
 
 def _by_recording(plan: Sequence[Shard]) -> dict[Recording, list[Shard]]:
     recordings: dict[Recording, list[Shard]] = {}
-    for shard in plan:
-        require_instance(shard, Shard, "an entry of the plan")
+    for shard in as_instances(plan, Shard, "plan"):
         recordings.setdefault((shard.site, shard.date), []).append(shard)
     if not recordings:
         raise InvalidInputError("The plan is empty. Make one with cf.shards.")

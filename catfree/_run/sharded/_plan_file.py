@@ -10,6 +10,7 @@ from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._shard import Shard
 from catfree.adapters.files._documents import StrPath, document_of, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types._validation import as_path
 
 METHODS = ("default", "paper", "evidence")
 _SCHEMA = "catfree plan 1"
@@ -51,7 +52,7 @@ def write_plan(path: StrPath, plan: PlanFile) -> Path:
             "A plan in a file needs its boxes in a file. Save them with Detections.save or "
             "cf.adapters.write_detections_parquet, and pass the path to cf.shards."
         )
-    _require_same_run(Path(path), plan)
+    _require_same_run(as_path(path, "path"), plan)
     document = {"schema": _SCHEMA} | dataclasses.asdict(plan)
     return write_text_atomically(path, json.dumps(document, indent=1) + "\n")
 

@@ -56,7 +56,7 @@ from catfree.errors import (
 from catfree.settings import Settings
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import as_number, as_path, as_pictures
+from catfree.types._validation import as_instances, as_number, as_path, as_pictures
 from catfree.types._writing import make_folder
 
 MOST_TRIES = 4  # stretches of a recording from which its cameras may be found
@@ -138,6 +138,7 @@ def run_sites(
         InvalidInputError: if two recordings have the same name and date, or one site has two
             scenes, units or lists of anchors, or as `run_shards`.
     """
+    sites = as_instances(sites, Site, "sites")
     names = [(site.name, site.date) for site in sites]
     for name in names:
         if not name[0] or names.count(name) > 1:
@@ -229,7 +230,8 @@ def _absolute(value: Any) -> Any:
     """Return a path, or each one of a list, from the root; anything else as it is."""
     if isinstance(value, list | tuple):
         return tuple(map(_absolute, value))
-    return os.path.abspath(value) if isinstance(value, str | os.PathLike) else value
+    is_path = isinstance(value, str | os.PathLike)
+    return os.path.abspath(os.path.expanduser(value)) if is_path else value
 
 
 def _silent(site: Site, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"] | None:
@@ -364,7 +366,7 @@ def _scenes(
             continue
         try:
             if site.scene is None:
-                folder = os.path.abspath(out)
+                folder = os.path.abspath(as_path(out, "out"))
                 task = submitted(pool, calibrate_site, site, folder, settings, detector)
                 tasks[task] = site.name
             elif isinstance(site.scene, Scene):

@@ -274,6 +274,11 @@ def _read_all(files: list[Path], known: tuple[str, ...]) -> list[_Part]:
 
 def _read(path: Path, known: tuple[str, ...]) -> _Part:
     suffix = path.suffix.lower()
+    if path.is_dir() and not files_ending(path, [".parquet"]):
+        raise InvalidInputError(
+            f"{path} is a folder, named beside others. Name one folder with the boxes of all "
+            "cameras alone, or one file per camera."
+        )
     if path.is_dir() or suffix == ".parquet":
         return _part_of_parquet(path, known)
     if suffix == ".npz":

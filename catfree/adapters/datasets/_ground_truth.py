@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Literal
 
@@ -185,8 +186,9 @@ def _row_of(words: Sequence[str], names: list[str], path: Path, line: int) -> li
         except ValueError:
             value = math.nan
         whole = name not in ("x", "y")
-        if not math.isfinite(value) or (whole and (value != round(value) or abs(value) >= 2**53)):
-            kind = "a whole number below 2^53" if whole else "a finite number"
+        exact = math.isfinite(value) and abs(value) < 2**63 and Decimal(word) == round(value)
+        if not math.isfinite(value) or (whole and not exact):
+            kind = "a whole number that double precision holds" if whole else "a finite number"
             raise FileFormatError(f"{path}: {name} in line {line} is {quoted(word)}, not {kind}.")
         row.append(value)
     return row

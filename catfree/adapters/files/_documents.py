@@ -296,7 +296,7 @@ def write_bytes_atomically(path: StrPath, content: bytes) -> Path:
     """
     with replacing(path) as stream:
         stream.write(content)
-    return Path(path)
+    return as_path(path, "path")
 
 
 def write_text_atomically(path: StrPath, content: str) -> Path:

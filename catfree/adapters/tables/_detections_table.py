@@ -11,7 +11,7 @@ from catfree.adapters.tables._parquet import open_dataset, reading, values_of, w
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
-from catfree.types._validation import as_float, as_integer, as_path
+from catfree.types._validation import as_float, as_integer, as_path, require_instance
 from catfree.types.results._arrow_table import require_pyarrow
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def write_detections_parquet(path: StrPath, detections: Detections) -> Path:
         MissingDependencyError: if pyarrow is not installed.
         InvalidInputError: if the folder does not exist.
     """
+    require_instance(detections, Detections, "detections")
     pyarrow = require_pyarrow()
     ordered = detections[np.lexsort((detections.camera, detections.frame))]
     columns: dict[str, Any] = {"frame": ordered.frame, "camera": ordered.camera}

@@ -17,6 +17,7 @@ from catfree.types._validation import (
     as_positive,
     as_rows,
     require_finite,
+    require_instance,
 )
 
 # TrackEval matches two boxes at an overlap of 0.5. Squares of side s that are shifted along one
@@ -137,6 +138,7 @@ def write_mot_boxes(
         InvalidInputError: if boxes belong to several cameras, a frame is not among `frames`, or the
             folder does not exist.
     """
+    require_instance(detections, Detections, "detections")
     if len(np.unique(detections.camera)) > 1:
         raise InvalidInputError(
             f"Cannot write {path}: the boxes belong to {len(np.unique(detections.camera))} "

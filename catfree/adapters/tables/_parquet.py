@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from catfree.adapters.files._documents import StrPath, require_file
 from catfree.errors import FileFormatError, quoted
+from catfree.types._validation import as_path
 from catfree.types._writing import replacing
 from catfree.types.results._arrow_table import require_pyarrow
 
@@ -34,7 +35,7 @@ def write_parquet(path: StrPath, table: "pyarrow.Table", **options: Any) -> Path
 
     with replacing(path) as stream:
         pyarrow.parquet.write_table(table, stream, write_page_checksum=True, **options)
-    return Path(path)
+    return as_path(path, "path")
 
 
 def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":

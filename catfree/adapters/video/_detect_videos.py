@@ -29,6 +29,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.types import Detections
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import processor_count
+from catfree.types._validation import require_instance
 
 # The people in a picture, and their embeddings if there is an embedder.
 Seen = tuple[FrameDetections, Float[np.ndarray, "_ _"] | None]
@@ -65,6 +66,7 @@ def detect_videos(
         InsufficientDataError: if the footage is too short to fit the detector, or no instant can be
             decoded.
     """
+    require_instance(videos, SynchronizedVideos, "videos")
     report = progress or no_progress
     detectors = fit_to_cameras(videos, detector, report)
     describe = None if embedder is None else Describer(embedder)

@@ -13,6 +13,7 @@ from catfree.errors import InvalidInputError
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
 from catfree.types._annotations import Progress
+from catfree.types._validation import as_path
 from catfree.types._writing import replacement
 from catfree.viz._camera_view import in_reach, visible_runs
 from catfree.viz._palette import CAMERA_COLOR, track_color
@@ -145,7 +146,7 @@ def write_overlay_video(
     """
     import cv2
 
-    target = Path(path)
+    target = as_path(path, "path")
     if target.suffix.lower() not in CODECS:
         raise InvalidInputError(
             f"{target} must end in one of {', '.join(CODECS)}, which say the format of the video."

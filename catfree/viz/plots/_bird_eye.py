@@ -8,7 +8,8 @@ import numpy as np
 from catfree.errors import InvalidInputError
 from catfree.evaluation._rows import as_rows
 from catfree.types import Localization, Origin, Scene, Tracks
-from catfree.types._validation import as_area
+from catfree.types._scene import require_scene
+from catfree.types._validation import as_area, require_instance
 from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
 from catfree.viz._plan_view import (
     camera_names as names_of,
@@ -64,6 +65,8 @@ def plot_bird_eye(
         MissingDependencyError: if matplotlib is not installed.
         InvalidInputError: if confidence, area, ground truth or camera names are invalid.
     """
+    require_instance(localization, Localization, "localization")
+    require_scene(scene)
     if not 0 < confidence < 1:
         raise InvalidInputError(f"confidence is {confidence}; it must be between 0 and 1.")
     outline = None if area is None else as_area(area)

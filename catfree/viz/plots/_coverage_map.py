@@ -8,6 +8,8 @@ import numpy as np
 from catfree._coverage import Coverage
 from catfree.errors import InvalidInputError, quoted
 from catfree.types import Localization, Scene
+from catfree.types._scene import require_scene
+from catfree.types._validation import require_instance
 from catfree.viz._palette import fraction, line_style, track_color
 from catfree.viz._plan_view import camera_names as names_of, length_unit, view_area
 from catfree.viz.plots._axes import axes_or_new, figure_of, show_ground
@@ -46,6 +48,8 @@ def plot_coverage(
         MissingDependencyError: if matplotlib is not installed.
         InvalidInputError: if `quantity` is unknown.
     """
+    require_instance(coverage, Coverage, "coverage")
+    require_scene(scene)
     if quantity not in ("sigma", "cameras"):
         raise InvalidInputError(f"quantity is {quoted(quantity)}; it must be 'sigma' or 'cameras'.")
     view, unit = view_area(scene, np.zeros((0, 2)), coverage.area), length_unit(scene)

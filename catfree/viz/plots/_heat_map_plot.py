@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from catfree.types._validation import require_instance
 from catfree.viz._heat_map import HeatMap
 from catfree.viz.plots._axes import axes_or_new, figure_of, show_ground
 
@@ -25,6 +26,7 @@ def plot_heat_map(heat: HeatMap, *, ax: "Axes | None" = None, unit: str = "m") -
     Raises:
         MissingDependencyError: if matplotlib is not installed.
     """
+    require_instance(heat, HeatMap, "heat")
     half = heat.cell / 2
     view = (-half, half, -half, half)
     if heat.positions.size:

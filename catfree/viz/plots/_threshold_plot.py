@@ -6,6 +6,8 @@ import numpy as np
 
 from catfree.settings import SelectionSettings
 from catfree.types import Candidates, Fate, Localization, Scene
+from catfree.types._scene import require_scene
+from catfree.types._validation import require_instance
 from catfree.viz._palette import FATE_COLORS, fraction
 from catfree.viz.plots._axes import require_pyplot
 
@@ -46,6 +48,8 @@ def plot_gates(
 
     Source: paper, Fig. gates.
     """
+    require_instance(localization, Localization, "localization")
+    require_scene(scene)
     pyplot = require_pyplot()
     if axes is None:
         both = pyplot.subplots(1, 2, figsize=(10, 4), layout="constrained")[1]

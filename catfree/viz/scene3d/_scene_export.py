@@ -12,6 +12,8 @@ from catfree.adapters.files._documents import write_bytes_atomically
 from catfree.errors import InvalidInputError, needing
 from catfree.geometry import CanonicalFrame
 from catfree.types import Localization, Scene
+from catfree.types._scene import require_scene
+from catfree.types._validation import as_path
 from catfree.types._writing import replacement
 from catfree.viz._palette import CAMERA_COLOR, Color, track_color
 from catfree.viz._plan_view import camera_names as names_of
@@ -58,6 +60,7 @@ def write_glb(
     Raises:
         InvalidInputError: if colors do not match the points, or the folder does not exist.
     """
+    require_scene(scene)
     import trimesh
     from trimesh.exchange.gltf import export_glb
     from trimesh.visual import TextureVisuals
@@ -127,9 +130,10 @@ def write_rerun(
         InvalidInputError: if the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
+    require_scene(scene)
     with needing("Recordings for rerun need its SDK: pip install 'catfree[rerun]'."):
         import rerun  # pyright: ignore[reportMissingImports]
-    target, rig, extent = Path(path), scene.rig, float(scene.extent)
+    target, rig, extent = as_path(path, "path"), scene.rig, float(scene.extent)
     names, tracks = names_of(rig, camera_names), tracks_of(localization)
     recording = rerun.RecordingStream("catfree")
     with replacement(target) as partial:

@@ -533,6 +533,7 @@ def test_missing_mixed_and_repeated_files_are_refused(boxes, tmp_path):
         ([], "list of files with boxes is empty"),
         ([folder / "C1.txt", table], "boxes of one camera, but .*boxes.csv of several"),
         ([folder / "C1.txt", folder / "C1.txt"], "are the same file"),
+        ([folder, table], "mot is a folder, named beside others"),
     ]:
         with pytest.raises(InvalidInputError, match=sentence):
             cf.read_detections(paths)

@@ -41,7 +41,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_finite
+from catfree.types._validation import as_finite, as_path
 from catfree.types._writing import make_folder
 
 
@@ -134,7 +134,7 @@ def write_colmap_text(
             shape.
         WriteError: if the folder cannot be made, or the disk is full or not writable.
     """
-    root = Path(folder)
+    root = as_path(folder, "folder")
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[]"]
     for at, (name, camera) in enumerate(writable_cameras(rig, names, root), start=1):

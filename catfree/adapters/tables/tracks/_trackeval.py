@@ -11,7 +11,7 @@ from catfree.adapters.files._documents import StrPath, write_text_atomically
 from catfree.adapters.tables._motchallenge import write_mot_ground
 from catfree.errors import InvalidInputError, quoted
 from catfree.types import Tracks
-from catfree.types._validation import as_integer
+from catfree.types._validation import as_integer, as_path
 from catfree.types._writing import make_folder
 
 
@@ -51,7 +51,7 @@ def write_trackeval(
     for name in (sequence, tracker):
         if not name or name in (".", "..") or set(name) & set('/\\:\0,"\n'):
             raise InvalidInputError(f"{quoted(name)} cannot be the name of a folder.")
-    root = Path(folder)
+    root = as_path(folder, "folder")
     truth_folder = make_folder(root / "gt" / sequence / "gt")
     tracker_folder = make_folder(root / "trackers" / tracker / "data")
     write_mot_ground(truth_folder / "gt.txt", ground_truth, frames, threshold=float(threshold))

@@ -18,7 +18,7 @@ class Observations(eqx.Module):
         frame_index: (N,) index into `frames`.
         time: (F,) whole time steps of `frames`: consecutive frames differ by one.
         kept: (N,) the detections in this order, without embeddings and keypoints.
-        appearance: (N, D) unit vectors (zero where the embedding is zero), or None.
+        appearance: (N, D) unit vectors (zero where the embedding is zero), or None if all are.
         cell_start: (F * C + 1,) first observation of each (frame, camera) cell.
         camera_count: C.
     """
@@ -77,7 +77,7 @@ def observe(detections: Detections, rig: Rig, *, keep: Bool[np.ndarray, " n"]) -
     frames, frame_index = np.unique(seen.frame, return_inverse=True)
     cell = frame_index * rig.camera_count + seen.camera
     appearance = None
-    if seen.embedding is not None:
+    if seen.embedding is not None and seen.embedding.any():
         appearance = unit_vectors(seen.embedding.astype(np.float32))
     return Observations(
         row=row,
