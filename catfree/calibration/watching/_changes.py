@@ -59,7 +59,8 @@ class Course:
         covariance: of `value`, without the factor `noise`.
         matrix: (W, 8C, 8C) information of each window on the errors.
         rest: (W, 8C) gradient of the log likelihood of each window that the fit leaves.
-        reference: the camera to which lags are relative: half of the others are later.
+        reference: the camera to which lags are relative, before its changes: its lags are nearest
+            to those of all others over the recording.
         noise: (C, 2) factor by which variances of turns and lags exceed those of box noise alone.
         freedom: (C, 2) degrees of freedom of `noise`.
     """
@@ -105,11 +106,10 @@ class Course:
     def _errors(
         self, design: Float[np.ndarray, "p q"], *, floor: bool = True
     ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-        """Errors that a design selects: lags relative to the reference."""
-        p = len(design)
-        relative = np.eye(p)
-        relative[LAGS, PARAMETERS * self.reference + 3] -= 1
-        design = relative @ design
+        """Errors that a design selects: lags relative to the reference before its changes."""
+        design, zero = design.copy(), design[PARAMETERS * self.reference + 3].copy()
+        zero[(PARAMETERS + 1) * len(self.noise) :] = 0
+        design[LAGS] -= zero
         factor = np.sqrt(np.repeat(self.noise[:, [0, 1, 0]], REPEATS, axis=1)).ravel()
         covariance = design @ self.covariance @ design.T * factor[:, None] * factor
         if floor:
@@ -206,8 +206,9 @@ def _fitted(
     value = covariance @ right
     noise, freedom = _noise(design @ value, windows)
     timed = np.flatnonzero(matrix.sum(0).diagonal()[LAGS] > 0)
-    lags = (design[len(matrix) // 2] @ value)[LAGS]
-    reference = int(timed[np.argsort(lags[timed])[(len(timed) - 1) // 2]]) if len(timed) else 0
+    lags = (design @ value)[:, LAGS][:, timed]
+    apart = np.abs(lags[..., None] - lags[:, None]).sum((0, 1))
+    reference = int(timed[apart.argmin()]) if len(timed) else 0
     rest = vector - np.einsum("wij,wj->wi", matrix, design @ value)
     return Course(
         windows, changes, design, value, covariance, matrix, rest, reference, noise, freedom

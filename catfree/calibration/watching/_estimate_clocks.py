@@ -52,7 +52,8 @@ class Clocks:
         rate_sd: (C,) standard deviations.
         jumps: steps of single clocks.
         frame: middle of the recording.
-        reference: the camera that is right by definition: half of the others are later.
+        reference: the camera that is right by definition, before any jump of its own: its lags are
+            nearest to those of all others over the recording.
     """
 
     offset: Float[np.ndarray, " cam"]
