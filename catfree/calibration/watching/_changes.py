@@ -77,17 +77,17 @@ class Course:
     freedom: Float[np.ndarray, "cam 2"]
 
     def at(
-        self, window: int, *, changed: bool = True
+        self, window: int, changed: int | None = None
     ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
         """Errors of all cameras in a window, and their covariance with the factor `noise`.
 
         Args:
             window: its index.
-            changed: whether to count the changes, or what the errors would be without any.
+            changed: another window, if the errors should have changed as in that one.
         """
-        design = self.design[window].copy()
-        if not changed:
-            design[:, (PARAMETERS + 1) * len(self.noise) :] = 0
+        design, constant = self.design[window].copy(), (PARAMETERS + 1) * len(self.noise)
+        if changed is not None:
+            design[:, constant:] = self.design[changed, :, constant:]
         return self._errors(design)
 
     def rates(self) -> tuple[Float[np.ndarray, " cam"], Float[np.ndarray, "cam cam"]]:

@@ -26,7 +26,8 @@ def time_of_change(sights: Sights, course: Course, index: int) -> tuple[int, flo
     low, high = windows[first].begin, windows[last].stop
     people, person = sights.people, sights.people.between(low, high)
     before, after = (
-        _costs(sights, change.camera, person, course.at(window)[0]) for window in (first, last)
+        costs_of_people(sights, change.camera, person, course.at(window)[0])
+        for window in (first, last)
     )
     gain = np.zeros(high - low + 1)
     np.add.at(gain, people.frame[person] - low, before - after)
@@ -37,7 +38,7 @@ def time_of_change(sights: Sights, course: Course, index: int) -> tuple[int, flo
     return sights.frame(step), float(deviation * sights.step)
 
 
-def _costs(
+def costs_of_people(
     sights: Sights, camera: int, person: Int[np.ndarray, " m"], errors: Float[np.ndarray, " p"]
 ) -> Float[np.ndarray, " m"]:
     """Squared distance of each person from the nearest box, in deviations."""

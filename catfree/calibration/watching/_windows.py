@@ -9,9 +9,8 @@ from jaxtyping import Float
 
 from catfree.calibration.watching._agreement import Window, solve_window
 from catfree.calibration.watching._changes import KINDS, Course, fit_course
-from catfree.calibration.watching._matching import best
 from catfree.calibration.watching._sights import PARAMETERS, Sights, sights
-from catfree.calibration.watching._time_of_change import time_of_change
+from catfree.calibration.watching._time_of_change import costs_of_people, time_of_change
 from catfree.methods import localize
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -141,15 +140,16 @@ def _start(
 ) -> Float[np.ndarray, "cam 8"]:
     """Errors that a course predicts for a window or a part of it.
 
-    A change is believed if far more boxes meet people than without any.
+    The boxes tell which of the errors that a camera has over time is that of the window.
     """
-    nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(course.windows)]
-    start = course.at(index, changed=False)[0].reshape(-1, PARAMETERS)
-    tried = np.array([course.at(window)[0] for window in nearby]).reshape(-1, *start.shape)
+    start = course.at(index)[0].reshape(-1, PARAMETERS)
     person = recording.people.between(begin, stop)
     for camera in {change.camera for change in course.changes}:
         others = recording.people.seen_by_others(camera, person)
-        start[camera] = best(recording, camera, others, start[camera], tried[:, camera])
+        changed = [0, *(change.window for change in course.changes if change.camera == camera)]
+        tried = [course.at(index, window)[0] for window in changed]
+        costs = [costs_of_people(recording, camera, others, errors).sum() for errors in tried]
+        start[camera] = tried[int(np.argmin(costs))].reshape(-1, PARAMETERS)[camera]
     return start
 
 
