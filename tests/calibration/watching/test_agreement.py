@@ -48,8 +48,9 @@ def test_a_window_tells_of_a_turn_that_it_starts_without(seen):
 
 def test_the_unit_of_length_does_not_matter(seen):
     larger = transform_scene(Similarity(1e5, np.eye(3), np.zeros(3)), seen.scene, metric=False)
-    scaled = sights(larger, seen.detections, localize(seen.detections, larger).tracks)
-    one, other = (solve_window(s, 0, 20, np.zeros((4, PARAMETERS)), NOISE) for s in (seen, scaled))
+    localization = localize(seen.detections, larger)
+    scaled = sights(larger, seen.detections, localization, Settings())
+    one, other = (solve_window(s, 0, 20, np.zeros((4, PARAMETERS))) for s in (seen, scaled))
     np.testing.assert_allclose(other.errors, one.errors, atol=1e-6)
     np.testing.assert_allclose(other.matrix, one.matrix, rtol=1e-3, atol=1e-4 * one.matrix.max())
 
