@@ -25,7 +25,6 @@ WINDOWS = 12  # that a short recording is cut into
 SHORTEST = 2.0  # seconds of a window
 UNKNOWN_RATE = 25.0  # steps per second where no clock tells
 FEWEST_STEPS = 4  # of a window
-PASSES = 2  # of matching everybody with the errors of the whole recording
 
 
 class Watched(NamedTuple):
@@ -114,24 +113,22 @@ def watch(
         later = (i for i, window in enumerate(windows) if i and window.begin >= cut)
         return fit_course(windows, alpha, kinds=kinds, first=next(later, 1))
 
-    course = fitted(windows)
-    for done in range(PASSES):
-        course = fitted(_matched_again(recording, course, done, report))
-    report("changes", len(course.windows), len(course.windows))
+    course = fitted(_matched_again(recording, fitted(windows), report))
     return Watched(recording, course, seconds, alpha)
 
 
-def _matched_again(recording: Sights, course: Course, done: int, report: Progress) -> list[Window]:
+def _matched_again(recording: Sights, course: Course, report: Progress) -> list[Window]:
     """Match everybody with the errors of a course; divide windows within which one changed."""
-    windows, count = [], len(course.windows)
+    windows = []
     frames = [time_of_change(recording, course, i)[0] for i in range(len(course.changes))]
     cuts = sorted({-(-(frame - recording.first) // recording.step) for frame in frames})
     for index, window in enumerate(course.windows):
-        report("changes", done * count + index, PASSES * count)
+        report("changes", index, len(course.windows))
         inside = [cut for cut in cuts if window.begin < cut < window.stop]
         for begin, stop in pairwise([window.begin, *inside, window.stop]):
             start = _start(recording, course, index, begin, stop)
             windows.append(solve_window(recording, begin, stop, start))
+    report("changes", len(course.windows), len(course.windows))
     return windows
 
 
