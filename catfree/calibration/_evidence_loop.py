@@ -28,9 +28,8 @@ from catfree.types._annotations import Progress
 from catfree.types._sampling import frame_step
 from catfree.types._validation import shown_camera
 
-FEWEST_TO_FLAG = 3  # with three cameras, two that agree expose the third
+FEWEST_TO_JUDGE = 3  # with three cameras, two that agree expose the third
 RESTING = 0.2  # standard deviations; a smaller move adds two percent to a camera's error
-FEWEST_TO_SYNCHRONIZE = 3  # two cameras that disagree do not tell which of them is late
 ROUNDS = 6  # a rig hides a part of a lag, which shows after the rest is corrected
 AGAIN = 0.5  # `WHOLE_FRAME` of a camera that was late before
 GAIN = 0.02  # in `_information`, that all corrections together must bring
@@ -75,7 +74,7 @@ class EvidenceLoop:
         kept = calibration, detections
         least = (1 + GAIN) * _information(calibration)
         for _ in range(ROUNDS):
-            if calibration.scene.rig.registered.sum() < FEWEST_TO_SYNCHRONIZE:
+            if calibration.scene.rig.registered.sum() < FEWEST_TO_JUDGE:
                 break
             try:
                 clocks = estimate_clocks(calibration.scene, detections, settings=settings)
@@ -100,14 +99,14 @@ class EvidenceLoop:
         """
         rules = self.settings.calibration
         while (
-            calibration.scene.rig.registered.sum() >= FEWEST_TO_FLAG
+            calibration.scene.rig.registered.sum() >= FEWEST_TO_JUDGE
             and residual_outliers(calibration.camera_residual, rules).any()
         ):
             worst = int(np.nanargmax(calibration.camera_residual))
             others = without_camera(calibration, worst)
             calibration = self.refine(others)
             # Two cameras never share confident people; three or more that do not relied on `worst`.
-            if calibration is others and others.scene.rig.registered.sum() >= FEWEST_TO_FLAG:
+            if calibration is others and others.scene.rig.registered.sum() >= FEWEST_TO_JUDGE:
                 raise CalibrationError(
                     f"Camera {shown_camera(worst, self.camera_names)} contradicts the others, "
                     "which agree on too few people to tell which camera is wrong; record longer, "

@@ -159,21 +159,19 @@ def _refine_by_paper(
             f"tolerance, in {len(observations)} detections of {len(observations.frames)} frames: "
             "the rig is too inaccurate to be refined, or the views do not overlap."
         )
-    best, chosen = current, 0
-    residuals, people = [current.residual], [len(current.member)]
+    trace = [current]
     for done in range(rounds):
         report("refinement", done, rounds)
         step = _adjusted(observations, current, start)
         current = _associated(observations, start, step, current.ratio, settings)
-        residuals.append(current.residual)
-        people.append(len(current.member))
         if len(current.member) == 0:
             break
-        if current.residual < best.residual:
-            best, chosen = current, done + 1
+        trace.append(current)
     report("refinement", rounds, rounds)
-    refined = scene if chosen == 0 else _scene(frame, scene, best)
-    return Refinement(refined, np.array(residuals), chosen, np.array(people))
+    residuals = np.array([one.residual for one in trace])
+    chosen = int(residuals.argmin())
+    refined = _scene(frame, scene, trace[chosen]) if chosen else scene
+    return Refinement(refined, residuals, chosen, np.array([len(one.member) for one in trace]))
 
 
 def _associated(

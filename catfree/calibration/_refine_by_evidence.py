@@ -82,7 +82,8 @@ def refine_by_evidence(
             result = _judge(detections, observations, candidate, settings)
         except InsufficientDataError:
             return None
-        return result if len(result.people.member) >= FEWEST_LEFT * people[0] else None
+        fewest = FEWEST_LEFT * len(trace[0].people.member)
+        return result if len(result.people.member) >= fewest else None
 
     def adjusted(at: _Judged, people: ConfidentPeople) -> Scene:
         return _adjusted(detections, at.scene, people, scene, settings.calibration)
@@ -94,8 +95,7 @@ def refine_by_evidence(
             f"{len(detections)} detections of {len(np.unique(detections.frame))} frames: the rig "
             "is too inaccurate to be refined, or the views do not overlap."
         )
-    best, chosen, last_decrease = current, 0, 0
-    residuals, people = [current.residual], [len(current.people.member)]
+    trace, last_decrease = [current], 0
     use_paper_groups = True  # until the evidence method's people lead to the better rig
     for done in range(rounds):
         if done - last_decrease >= PATIENCE:
@@ -114,14 +114,14 @@ def refine_by_evidence(
         if proposed is None:
             break
         current = proposed
-        residuals.append(current.residual)
-        people.append(len(current.people.member))
-        if current.residual < (1 - SAME_RESIDUAL) * best.residual:
+        if current.residual < (1 - SAME_RESIDUAL) * min(one.residual for one in trace):
             last_decrease = done + 1
-        if current.residual < best.residual:
-            best, chosen = current, done + 1
+        trace.append(current)
     report("refinement", rounds, rounds)
-    return Refinement(best.scene, np.array(residuals), chosen, np.array(people))
+    residuals = np.array([one.residual for one in trace])
+    chosen = int(residuals.argmin())
+    people = np.array([len(one.people.member) for one in trace])
+    return Refinement(trace[chosen].scene, residuals, chosen, people)
 
 
 def in_runs(frame: np.ndarray, most: int) -> Bool[np.ndarray, " n"]:

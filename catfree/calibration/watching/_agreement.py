@@ -26,7 +26,6 @@ from catfree.geometry._least_squares import CAUCHY
 
 ROUNDS = 3  # of matching and solving
 REWEIGHTED = 2  # solutions per round
-FLOOR = 0.001  # radians; noise of an edge besides its share of the box height
 HEIGHT_SD = 0.1  # of a person's height around that of its track
 TURN_SD, LAG_SD = np.deg2rad(20.0), 30.0  # weak priors, for errors that no person constrains
 CENTER_SD, FOCAL_SD = 0.15, 0.03  # of a rig from people or reconstructions
@@ -71,7 +70,6 @@ def solve_window(
     begin: int,
     stop: int,
     start: Float[np.ndarray, "cam 8"],
-    noise: Float[np.ndarray, "3"],
     shifts: Int[np.ndarray, " s"] | None = None,
 ) -> Window:
     """Match everybody of a window, and sum what it says about the cameras' errors.
@@ -81,7 +79,6 @@ def solve_window(
         begin: first step.
         stop: step after the last one.
         start: (C, 8) errors of the cameras to begin with.
-        noise: of the edges of a box, as a share of its height.
         shifts: lags to look for, in steps; None to trust `start`.
     """
     people, count = sights.people, len(sights.place)
@@ -96,9 +93,9 @@ def solve_window(
             tried = candidates(sights, camera, others, shifts)
             errors[camera] = best(sights, camera, others, errors[camera], tried)
     begun = errors.ravel()
-    solved = _solve(sights, person, people.state[person], errors, begun, noise)
+    solved = _solve(sights, person, people.state[person], errors, begun)
     for _ in range(ROUNDS - 1):
-        solved = _solve(sights, person, solved.state, solved.errors, begun, noise)
+        solved = _solve(sights, person, solved.state, solved.errors, begun)
     matched, expected, distinct = np.zeros((3, count), np.int64)
     for camera, found in zip(registered.tolist(), solved.matches, strict=True):
         # A camera's own boxes do not make a person expected.
@@ -206,7 +203,6 @@ def _solve(
     state: Float[np.ndarray, "m 3"],
     present: Float[np.ndarray, "cam 8"],
     begun: Float[np.ndarray, " p"],
-    noise: Float[np.ndarray, "3"],
 ) -> _Solved:
     """Match with the present errors and places, linearize, and solve with robust weights.
 
@@ -232,8 +228,7 @@ def _solve(
     slopes[..., CENTER] *= sights.unit
     slopes[..., PARAMETERS:] *= sights.unit  # so that any unit of length gives the same
     slope[row, camera], residual[row, camera] = slopes, boxes.angle[box] - value
-    sd = noise * boxes.size[box, None] + FLOOR
-    precision[row, camera] = np.where(boxes.whole[box], sd**-2.0, 0.0)
+    precision[row, camera] = np.where(boxes.whole[box], boxes.deviation[box] ** -2.0, 0.0)
     used = (precision[..., 0] > 0).sum(-1) >= 2
     precision *= used[:, None, None]
     tall = people.state[person, 2] / sights.unit

@@ -52,35 +52,42 @@ class Course:
     """The errors of all cameras over time.
 
     Attributes:
+        windows: those that it was fitted to.
         changes: what was found.
         design: (W, 8C, q) map from `value` to the errors of all cameras in each window.
         value: (q,) constant errors (8C), rates of the clocks (C), then those of the changes.
         covariance: of `value`, without the factor `noise`.
-        reference: the camera to which lags are relative: half of the others are later.
+        matrix: (W, 8C, 8C) information of each window on the errors.
+        rest: (W, 8C) gradient of the log likelihood of each window that the fit leaves.
+        reference: the camera to which lags are relative, before its changes: its lags are nearest
+            to those of all others over the recording.
         noise: (C, 2) factor by which variances of turns and lags exceed those of box noise alone.
         freedom: (C, 2) degrees of freedom of `noise`.
     """
 
+    windows: Sequence[Window]
     changes: tuple[Change, ...]
     design: Float[np.ndarray, "w p q"]
     value: Float[np.ndarray, " q"]
     covariance: Float[np.ndarray, "q q"]
+    matrix: Float[np.ndarray, "w p p"]
+    rest: Float[np.ndarray, "w p"]
     reference: int
     noise: Float[np.ndarray, "cam 2"]
     freedom: Float[np.ndarray, "cam 2"]
 
     def at(
-        self, window: int, *, changed: bool = True
+        self, window: int, changed: int | None = None
     ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
         """Errors of all cameras in a window, and their covariance with the factor `noise`.
 
         Args:
             window: its index.
-            changed: whether to count the changes, or what the errors would be without any.
+            changed: another window, if the errors should have changed as in that one.
         """
-        design = self.design[window].copy()
-        if not changed:
-            design[:, (PARAMETERS + 1) * len(self.noise) :] = 0
+        design, constant = self.design[window].copy(), (PARAMETERS + 1) * len(self.noise)
+        if changed is not None:
+            design[:, constant:] = self.design[changed, :, constant:]
         return self._errors(design)
 
     def rates(self) -> tuple[Float[np.ndarray, " cam"], Float[np.ndarray, "cam cam"]]:
@@ -99,11 +106,10 @@ class Course:
     def _errors(
         self, design: Float[np.ndarray, "p q"], *, floor: bool = True
     ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-        """Errors that a design selects: lags relative to the reference."""
-        p = len(design)
-        relative = np.eye(p)
-        relative[LAGS, PARAMETERS * self.reference + 3] -= 1
-        design = relative @ design
+        """Errors that a design selects: lags relative to the reference before its changes."""
+        design, zero = design.copy(), design[PARAMETERS * self.reference + 3].copy()
+        zero[(PARAMETERS + 1) * len(self.noise) :] = 0
+        design[LAGS] -= zero
         factor = np.sqrt(np.repeat(self.noise[:, [0, 1, 0]], REPEATS, axis=1)).ravel()
         covariance = design @ self.covariance @ design.T * factor[:, None] * factor
         if floor:
@@ -116,14 +122,12 @@ class Course:
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
         """Sum changes of one camera and kind; return the sum and its covariance."""
         camera, kind, _ = self.changes[indices[0]]
-        size, which = kind.stop - kind.start, KINDS.index(kind)
-        sizes = [change.kind.stop - change.kind.start for change in self.changes]
-        begins = len(self.value) - np.cumsum(sizes[::-1])[::-1]
-        design = np.zeros((size, len(self.value)))
-        for index in indices:
-            design[:, begins[index] : begins[index] + size] = np.eye(size)
+        which, columns = KINDS.index(kind), self.changes[indices[0]].columns
+        begins = np.array([self.changes[index].window for index in indices])
+        design = (self.design[begins] - self.design[begins - 1]).sum(0)[columns]
+        design[:, : (PARAMETERS + 1) * len(self.noise)] = 0  # what grows with time
         covariance = self.noise[camera, which] * design @ self.covariance @ design.T
-        return design @ self.value, covariance + FLOORS[which] * np.eye(size)
+        return design @ self.value, covariance + FLOORS[which] * np.eye(len(design))
 
 
 def fit_course(
@@ -142,11 +146,10 @@ def fit_course(
         first: first window at which a change may begin.
     """
     course = _fitted((), windows)
-    matrix, vector = _sums(windows)
     cameras = len(course.noise)
     while len(course.changes) < MOST_CHANGES * cameras:
         candidates = [
-            _strongest(course, matrix, vector, camera, kind, first)
+            _strongest(course, camera, kind, first)
             for camera in range(cameras)
             for kind in kinds
             if sum(c.camera == camera and c.kind == kind for c in course.changes) < MOST_CHANGES
@@ -158,23 +161,20 @@ def fit_course(
     return course
 
 
-def as_turns(course: Course, windows: Sequence[Window]) -> Course:
+def as_turns(course: Course) -> Course:
     """Fit the same changes as if centers and focal lengths were right: turns explain the rest.
 
     A constant turn and a constant displacement of a camera look nearly the same.
-
-    Args:
-        course: the result of `fit_course`.
-        windows: those it was fitted to.
     """
-    return _fitted(course.changes, windows, held=True)
+    return _fitted(course.changes, course.windows, held=True)
 
 
 def _fitted(
     changes: tuple[Change, ...], windows: Sequence[Window], *, held: bool = False
 ) -> Course:
     """Solve for the errors of all cameras with these changes, and learn the noise."""
-    matrix, vector = _sums(windows)
+    matrix = np.array([window.matrix.sum(0) for window in windows])
+    vector = np.array([window.vector.sum(0) for window in windows])
     constant = matrix.shape[1]
     cameras = constant // PARAMETERS
     every = np.eye(constant)
@@ -206,18 +206,12 @@ def _fitted(
     value = covariance @ right
     noise, freedom = _noise(design @ value, windows)
     timed = np.flatnonzero(matrix.sum(0).diagonal()[LAGS] > 0)
-    lags = (design[len(matrix) // 2] @ value)[LAGS]
-    reference = int(timed[np.argsort(lags[timed])[(len(timed) - 1) // 2]]) if len(timed) else 0
-    return Course(changes, design, value, covariance, reference, noise, freedom)
-
-
-def _sums(
-    windows: Sequence[Window],
-) -> tuple[Float[np.ndarray, "w p p"], Float[np.ndarray, "w p"]]:
-    """Sum the matrices and vectors over the people of each window."""
-    return (
-        np.array([window.matrix.sum(0) for window in windows]),
-        np.array([window.vector.sum(0) for window in windows]),
+    lags = (design @ value)[:, LAGS][:, timed]
+    apart = np.abs(lags[..., None] - lags[:, None]).sum((0, 1))
+    reference = int(timed[apart.argmin()]) if len(timed) else 0
+    rest = vector - np.einsum("wij,wj->wi", matrix, design @ value)
+    return Course(
+        windows, changes, design, value, covariance, matrix, rest, reference, noise, freedom
     )
 
 
@@ -263,28 +257,18 @@ def _scatter(
     return float(squared), float(len(total) - np.einsum("gij,gji->", share, share))
 
 
-def _strongest(
-    course: Course,
-    matrix: Float[np.ndarray, "w p p"],
-    vector: Float[np.ndarray, "w p"],
-    camera: int,
-    kind: slice,
-    first: int,
-) -> tuple[float, Change | None]:
+def _strongest(course: Course, camera: int, kind: slice, first: int) -> tuple[float, Change | None]:
     """The most likely further change of one camera, and the chance of its evidence."""
     best: tuple[float, Change | None] = (1.0, None)
-    if len(matrix) < FEWEST_WINDOWS:
+    if len(course.windows) < FEWEST_WINDOWS:
         return best
     columns = Change(camera, kind, 0).columns
     size, which = columns.stop - columns.start, KINDS.index(kind)
-    rest = [
-        b - A @ (X @ course.value) for A, b, X in zip(matrix, vector, course.design, strict=True)
-    ]
-    score, information = np.array(rest)[:, columns], matrix[:, columns, columns]
+    score, information = course.rest[:, columns], course.matrix[:, columns, columns]
     noise, freedom = course.noise[camera, which], course.freedom[camera, which]
     # Information that a change shares with what is already in the model.
-    shared = (matrix @ course.design)[:, columns]
-    for window in range(first, len(matrix)):
+    shared = course.matrix[:, columns] @ course.design
+    for window in range(first, len(course.windows)):
         candidate = Change(camera, kind, window)
         if candidate in course.changes:
             continue

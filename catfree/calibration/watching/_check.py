@@ -11,10 +11,10 @@ from scipy.special import ndtri
 
 from catfree.calibration.watching._changes import Change, Course, as_turns, lost_since
 from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
-from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, linear
+from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, Sights, linear
 from catfree.calibration.watching._swapped import FEWEST_EXPECTED, swapped_cameras
-from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
-from catfree.calibration.watching._windows import Watched, watch_windows
+from catfree.calibration.watching._time_of_change import time_of_change
+from catfree.calibration.watching._windows import watch
 from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -222,7 +222,7 @@ def check(
     require_known_cameras(detections.camera, scene.rig.camera_count)
     require_names(camera_names, scene.rig.camera_count)
     require_boxes_in_images(detections.camera, detections.box, np.asarray(scene.rig.image_size))
-    watched = watch_windows(
+    sights, course, seconds, alpha = watch(
         scene,
         detections,
         settings,
@@ -232,11 +232,8 @@ def check(
         since=since,
         progress=progress,
     )
-    watched, course = follow_changes(watched, since=since, progress=progress)
-    turns = as_turns(course, watched.windows)
-    judge = _Judge(watched, course, turns, since is not None)
+    judge = _Judge(sights, course, as_turns(course), alpha, since is not None)
     cameras = [judge.camera(c) for c in range(scene.rig.camera_count)]
-    sights = watched.sights
     matched = np.array([one.matched for one in cameras])
     for camera, home in swapped_cameras(sights, matched).items():
         cameras[camera] = replace(
@@ -248,7 +245,7 @@ def check(
             swapped_with=home,
         )
     last = sights.frame(sights.steps - 1)
-    return Check(tuple(cameras), sights.first, last, watched.seconds, scene.metric)
+    return Check(tuple(cameras), sights.first, last, seconds, scene.metric)
 
 
 class _Found(NamedTuple):
@@ -265,20 +262,22 @@ class _Judge:
     """Turns the course of errors into verdicts.
 
     Attributes:
-        watched: what the windows say.
+        sights: the recording.
         course: errors over time.
         turns: the same, of cameras that only turn.
+        alpha: probability of a false alarm per window and test.
         fitted_before: whether the cameras are known to fit in the beginning.
     """
 
-    watched: Watched
+    sights: Sights
     course: Course
     turns: Course
+    alpha: float
     fitted_before: bool
 
     def camera(self, camera: int) -> CameraCheck:
         """Judge one camera."""
-        sights, last = self.watched.sights, len(self.watched.windows) - 1
+        sights, last = self.sights, len(self.course.windows) - 1
         of_lag, of_turn = (Change(camera, kind, 0).columns for kind in (LAG, TURN))
         value, covariance = self.course.at(last)
         lag = value[of_lag].item()
@@ -294,7 +293,7 @@ class _Judge:
             lag = 0.0
         angle, angle_sd = _angle(turn, turn_covariance)
         pixels, ground = self._displacement(camera, turn)
-        chance = float(-ndtri(self.watched.alpha / 2))
+        chance = float(-ndtri(self.alpha / 2))
         off = ground / sights.unit if angle > chance * angle_sd else 0.0
         is_late = abs(lag) > max(WHOLE_FRAME, chance * lag_sd)
         unmeasured = self._without_people(camera)
@@ -320,22 +319,22 @@ class _Judge:
 
     def _counts(self, camera: int) -> Int[np.ndarray, "4 window"]:
         """People matched, expected and distinct, and boxes, of a camera in each window."""
-        counts = [(w.matched, w.expected, w.distinct, w.boxes) for w in self.watched.windows]
+        counts = [(w.matched, w.expected, w.distinct, w.boxes) for w in self.course.windows]
         return np.array(counts)[:, :, camera].T
 
     def _without_people(self, camera: int) -> _Found | None:
         """The verdict on a camera that shows nobody, or nobody for sure; None for others."""
         matched, expected, distinct, boxes = self._counts(camera)
-        if not self.watched.sights.scene.rig.registered[camera]:
+        if not self.sights.scene.rig.registered[camera]:
             return _Found(Verdict.DOUBTFUL, None, None, UNREGISTERED)
         if expected.sum() < FEWEST_EXPECTED:
             return _Found(Verdict.DOUBTFUL, None, None, TOO_FEW)
         some = (expected > 0) & (boxes > 0)  # a camera that died early was alive before
         share = float(np.median(matched[some] / expected[some])) if some.any() else 0.0
         usual = max(share, LEAST_MATCHED)
-        lost = lost_since(matched, expected, distinct, usual, self.watched.alpha)
+        lost = lost_since(matched, expected, distinct, usual, self.alpha)
         if lost is not None:
-            since = self.watched.sights.frame(self.watched.windows[lost].begin) if lost else None
+            since = self.sights.frame(self.course.windows[lost].begin) if lost else None
             dead = not boxes[lost:].any()
             verdict = Verdict.DEAD if dead else Verdict.MOVED
             when = "" if since is None else f"Since about frame {since}. "
@@ -360,7 +359,7 @@ class _Judge:
             (jumps, Verdict.LATE, LATE_SINCE),
         ):
             if changes:
-                since, deviation = time_of_change(self.watched, self.course, changes[-1])
+                since, deviation = time_of_change(self.sights, self.course, changes[-1])
                 return _Found(verdict, since, deviation, advice)
         if off > MOVED:
             return _Found(Verdict.MOVED, None, None, MOVED_ALWAYS)
@@ -378,9 +377,9 @@ class _Judge:
 
     def _displacement(self, camera: int, turn: Float[np.ndarray, "3"]) -> tuple[float, float]:
         """Mean displacement of people by a turn, in pixels and on the ground."""
-        sights = self.watched.sights
+        sights = self.sights
         people, boxes = sights.people, sights.boxes
-        person = np.flatnonzero(people.support[:, camera] >= 0)
+        person = np.flatnonzero(people.seen[:, camera])
         mine = boxes.of_camera(camera)
         if not len(person) or not len(boxes.size[mine]):
             return float("nan"), float("nan")

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration.watching._sights import LAG, LAGS
-from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
-from catfree.calibration.watching._windows import watch_windows
+from catfree.calibration.watching._time_of_change import time_of_change
+from catfree.calibration.watching._windows import watch
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
@@ -52,7 +52,8 @@ class Clocks:
         rate_sd: (C,) standard deviations.
         jumps: steps of single clocks.
         frame: middle of the recording.
-        reference: the camera that is right by definition: half of the others are later.
+        reference: the camera that is right by definition, before any jump of its own: its lags are
+            nearest to those of all others over the recording.
     """
 
     offset: Float[np.ndarray, " cam"]
@@ -149,17 +150,17 @@ def estimate_clocks(
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
-    watched = watch_windows(
+    sights, course, _, _ = watch(
         scene,
         detections,
         settings,
         longest=WINDOW,
         maximum_offset=maximum_offset,
+        kinds=[LAG],
         localization=localization,
         progress=progress,
     )
-    watched, course = follow_changes(watched, kinds=[LAG], progress=progress)
-    step, registered = watched.sights.step, np.asarray(scene.rig.registered)
+    step, registered = sights.step, np.asarray(scene.rig.registered)
     constant, covariance = course.constant()
     rate, rate_covariance = course.rates()
 
@@ -168,17 +169,17 @@ def estimate_clocks(
 
     jumps = []
     for index, change in enumerate(course.changes):
-        frame, frame_sd = time_of_change(watched, course, index)
+        frame, frame_sd = time_of_change(sights, course, index)
         by, by_covariance = course.of_changes([index])
         size = float(np.sqrt(by_covariance[0, 0]))
         jumps.append(ClockJump(change.camera, frame, frame_sd, float(by[0]) * step, size * step))
-    middle = np.mean([(w.begin + w.stop) / 2 for w in watched.windows])
+    middle = np.mean([(w.begin + w.stop) / 2 for w in course.windows])
     return Clocks(
         offset=known(constant[LAGS] * step),
         offset_sd=known(np.sqrt(covariance.diagonal()[LAGS]) * step),
         rate=known(rate),
         rate_sd=known(np.sqrt(rate_covariance.diagonal())),
         jumps=tuple(sorted(jumps, key=lambda jump: jump.frame)),
-        frame=float(watched.sights.first + middle * step),
+        frame=float(sights.first + middle * step),
         reference=course.reference,
     )

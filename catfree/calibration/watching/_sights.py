@@ -16,17 +16,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from catfree.errors import InsufficientDataError
 from catfree.geometry._buckets import in_blocks
-from catfree.geometry._person import edges_of, visible_foot
+from catfree.geometry._person import cut_by_border, edges_of, heights_by_boxes, visible_foot
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
+from catfree.settings import EvidenceSettings, Settings
 from catfree.settings._calibration_settings import FOOT_AHEAD
-from catfree.types import Detections, Scene, Tracks
+from catfree.types import Detections, Localization, Scene
+from catfree.types._detections import is_confident
 from catfree.types._sampling import frame_step
 
 PARAMETERS = 8  # of the error of a camera
 TURN, LAG, CENTER, ZOOM = slice(0, 3), slice(3, 4), slice(4, 7), slice(7, 8)
 LAGS = slice(3, None, PARAMETERS)  # of all cameras, whose errors follow each other
-BORDER = 0.005  # of the image side; a box that ends nearer to its border may be cut by it
+FLOOR = 0.001  # radians; noise of an edge besides its share of the box height
 HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
 BLOCK = 512  # sightings computed together
 
@@ -40,6 +43,7 @@ class SightedBoxes:
         camera: (N,) the camera.
         angle: (N, 3) azimuth of the center, elevation of the top and of the bottom, in radians, the
             elevation positive downward.
+        deviation: (N, 3) standard deviations of `angle`.
         size: (N,) the angular height.
         height: (N,) the height in pixels.
         whole: (N, 3) whether an edge is free of the image border.
@@ -48,6 +52,7 @@ class SightedBoxes:
     frame: Int[np.ndarray, " n"]
     camera: Int[np.ndarray, " n"]
     angle: Float[np.ndarray, "n 3"]
+    deviation: Float[np.ndarray, "n 3"]
     size: Float[np.ndarray, " n"]
     height: Float[np.ndarray, " n"]
     whole: Bool[np.ndarray, "n 3"]
@@ -66,14 +71,14 @@ class SightedPeople:
         track: (M,) identity.
         state: (M, 3) ground position and height in scene units.
         velocity: (M, 2) scene units per step; zero where unknown.
-        support: (M, C) row of the caller's detections, or -1.
+        seen: (M, C) whether a box of a camera shows the person.
     """
 
     frame: Int[np.ndarray, " m"]
     track: Int[np.ndarray, " m"]
     state: Float[np.ndarray, "m 3"]
     velocity: Float[np.ndarray, "m 2"]
-    support: Int[np.ndarray, "m cam"]
+    seen: Bool[np.ndarray, "m cam"]
 
     def between(self, begin: int, stop: int) -> Int[np.ndarray, " k"]:
         """(k,) the people from step `begin` to before `stop`."""
@@ -81,8 +86,8 @@ class SightedPeople:
 
     def seen_by_others(self, camera: int, person: Int[np.ndarray, " k"]) -> Int[np.ndarray, " n"]:
         """(n,) those of the people whom two or more other cameras see."""
-        has_box = self.support[person] >= 0
-        return person[has_box.sum(-1) - has_box[:, camera] >= 2]
+        seen = self.seen[person]
+        return person[seen.sum(-1) - seen[:, camera] >= 2]
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,8 @@ class Sights:
         first: frame number of step 0.
         step: frame numbers per step.
         steps: length of the recording in steps.
-        detections: the boxes as they were given.
+        detections: the confident boxes as they were given.
+        settings: as given.
     """
 
     scene: Scene
@@ -110,6 +116,7 @@ class Sights:
     step: int
     steps: int
     detections: Detections
+    settings: Settings
 
     def frame(self, step: int) -> int:
         """Frame number of a step."""
@@ -130,28 +137,42 @@ class Sights:
             return is_imaged & ((pixel >= 0) & (pixel <= size - 1)).all(-1)
 
 
-def sights(scene: Scene, detections: Detections, tracks: Tracks) -> Sights:
+def sights(
+    scene: Scene, detections: Detections, localization: Localization, settings: Settings
+) -> Sights:
     """Express boxes and tracks as angles and states.
 
     Args:
         scene: cameras and ground.
-        detections: (N,) boxes, at least one.
-        tracks: of these boxes, whose `support` is known.
+        detections: (N,) boxes.
+        localization: of these boxes in this scene.
+        settings: which boxes are confident, when the border cuts them, and their noise.
+
+    Raises:
+        InsufficientDataError: if there are no confident boxes of registered cameras.
+        InvalidInputError: if the localization was made from other boxes.
     """
-    frames = np.unique(detections.frame)
+    confident = detections[is_confident(detections, settings.confidence)]
+    if not np.asarray(scene.rig.registered)[confident.camera].any():
+        raise InsufficientDataError(
+            "Checking a rig needs confident boxes of its registered cameras, but there are none. "
+            "Check that the detections belong to the scene, and their scores."
+        )
+    frames = np.unique(confident.frame)
     step = frame_step(frames)
     first = int(frames[0])
-    place = _places(scene)
-    boxes = _boxes(scene, detections, first, step)
-    people, unit = _people(scene, detections, tracks, place, first, step)
+    boxes = _boxes(scene, confident, settings.evidence, first, step)
+    people, unit = _people(scene, detections, localization, first, step)
     steps = (int(frames[-1]) - first) // step + 1
-    return Sights(scene, place, boxes, people, unit, first, step, steps, detections)
+    return Sights(
+        scene, _places(scene), boxes, people, unit, first, step, steps, confident, settings
+    )
 
 
 def with_cameras(sights: Sights, camera: Int[np.ndarray, " n"]) -> Sights:
     """Assign each box to the camera given for it; the people stay as they are."""
     detections = replace(sights.detections, camera=camera)
-    boxes = _boxes(sights.scene, detections, sights.first, sights.step)
+    boxes = _boxes(sights.scene, detections, sights.settings.evidence, sights.first, sights.step)
     return replace(sights, boxes=boxes, detections=detections)
 
 
@@ -165,7 +186,9 @@ def _places(scene: Scene) -> Float[np.ndarray, "cam 3 4"]:
     return np.where(np.asarray(rig.registered)[:, None, None], joined, np.eye(3, 4))
 
 
-def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> SightedBoxes:
+def _boxes(
+    scene: Scene, detections: Detections, settings: EvidenceSettings, first: int, step: int
+) -> SightedBoxes:
     rig = scene.rig
     row = np.flatnonzero(np.asarray(rig.registered)[detections.camera])
     row = row[np.lexsort((detections.frame[row], detections.camera[row]))]
@@ -180,61 +203,31 @@ def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> Sight
         return np.column_stack([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
 
     angle = edges_of(direction(box[:, 1]), direction(box[:, 3]))
-    size = np.asarray(rig.image_size, np.float64)[camera]
-    near, far = BORDER * size, (1 - BORDER) * size - 1
-    whole = np.column_stack(
-        [
-            (box[:, 0] > near[:, 0]) & (box[:, 2] < far[:, 0]),
-            box[:, 1] > near[:, 1],
-            box[:, 3] < far[:, 1],
-        ]
-    )
+    whole = ~cut_by_border(box, rig.image_size[camera], settings.border_margin)
     frame, height = (detections.frame[row] - first) // step, box[:, 3] - box[:, 1]
-    return SightedBoxes(frame, camera, angle, angle[:, 2] - angle[:, 1], height, whole)
+    tall = angle[:, 2] - angle[:, 1]
+    deviation = np.array(settings.edge_noise) * tall[:, None] + FLOOR
+    return SightedBoxes(frame, camera, angle, deviation, tall, height, whole)
 
 
 def _people(
-    scene: Scene,
-    detections: Detections,
-    tracks: Tracks,
-    place: Float[np.ndarray, "cam 3 4"],
-    first: int,
-    step: int,
+    scene: Scene, detections: Detections, localization: Localization, first: int, step: int
 ) -> tuple[SightedPeople, float]:
     """Tracks with the height that their boxes imply."""
-    at = np.flatnonzero((tracks.track_id >= 0) & (tracks.frame - first >= 0))
-    xy, support = np.asarray(tracks.ground_xy, np.float64)[at], tracks.support[at]
-    person, camera = np.nonzero(support >= 0)
-    box = np.asarray(detections.box, np.float64)[support[person, camera]]
-    top = np.column_stack([(box[:, 0] + box[:, 2]) / 2, box[:, 1]])
-    R = np.asarray(scene.rig.R, np.float64)[camera]
-    ray = np.einsum("nij,nj->ni", R, rays_of_pixels(scene.rig, camera, top))
-    # The height at which a vertical line comes nearest to the elevation of the box's top.
-    base = place[camera, :, :2] @ xy[person, :, None]
-    base = base[..., 0] + place[camera, :, 3]
-    up = place[camera, :, 2]
-    across = np.column_stack([-ray[:, 1], np.hypot(ray[:, 0], ray[:, 2])])
-
-    def tilted(v: np.ndarray) -> np.ndarray:
-        """How far a point lies below the ray, in the plane through the camera's axis."""
-        forward = (v[:, 0] * ray[:, 0] + v[:, 2] * ray[:, 2]) / np.maximum(across[:, 1], 1e-9)
-        return forward * across[:, 0] + v[:, 1] * across[:, 1]
-
-    slope = tilted(up)
-    good = np.abs(slope) > 1e-6
-    height = np.where(good, -tilted(base) / np.where(good, slope, 1.0), np.nan)
-    known = np.isfinite(height) & (height > 0)
-    unit = float(np.median(height[known])) if known.any() else float(scene.extent) / 12
-    track = tracks.track_id[at]
+    tracks = localization.tracks
+    row, _, height = heights_by_boxes(detections, localization, scene)
+    row, height = row[height > 0], height[height > 0]
+    unit = float(np.median(height)) if len(height) else float(scene.extent) / 12
+    track = tracks.track_id
     tall = np.full(len(track), unit)
-    for one in np.unique(track):
-        mine = known & (track[person] == one)
-        if mine.any():
-            tall[track == one] = np.median(height[mine])
+    for one in np.unique(track[row]):
+        tall[track == one] = np.median(height[track[row] == one])
     tall = np.clip(tall, HEIGHTS[0] * unit, HEIGHTS[1] * unit)
+    at = np.flatnonzero((track >= 0) & (tracks.frame >= first))
     velocity = np.nan_to_num(np.asarray(tracks.velocity, np.float64)[at]) * step
-    state = np.column_stack([xy, tall])
-    return SightedPeople((tracks.frame[at] - first) // step, track, state, velocity, support), unit
+    state = np.column_stack([np.asarray(tracks.ground_xy, np.float64), tall])[at]
+    seen, frame = tracks.support[at] >= 0, (tracks.frame[at] - first) // step
+    return SightedPeople(frame, track[at], state, velocity, seen), unit
 
 
 def predict_angles(

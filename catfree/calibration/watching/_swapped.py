@@ -28,7 +28,7 @@ def swapped_cameras(sights: Sights, matched: Float[np.ndarray, " cam"]) -> dict[
     least = SHARE * float(np.nan_to_num(matched).max(initial=0.0))
     suspects, trusted = np.flatnonzero(matched < least), np.flatnonzero(matched >= least)
     people, count = sights.people, len(suspects)
-    person = np.flatnonzero((people.support[:, trusted] >= 0).sum(-1) >= 2)
+    person = np.flatnonzero(people.seen[:, trusted].sum(-1) >= 2)
     share = np.zeros((count, count))
     for turn in range(1, count):
         home = np.arange(len(sights.place))

@@ -1,20 +1,20 @@
-"""A recording in windows: what each says about the cameras' errors."""
+"""A recording in windows: what all of them say about the cameras' errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from catfree.calibration.watching._agreement import Window, solve_window
-from catfree.calibration.watching._matching import CELL, best
-from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, Sights, sights
-from catfree.errors import InsufficientDataError
+from catfree.calibration.watching._changes import KINDS, Course, fit_course
+from catfree.calibration.watching._sights import PARAMETERS, Sights, sights
+from catfree.calibration.watching._time_of_change import costs_of_people, time_of_change
 from catfree.methods import localize
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._detections import is_confident
 from catfree.types._processes import require_own_process
 from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, require_instance
@@ -25,44 +25,43 @@ WINDOWS = 12  # that a short recording is cut into
 SHORTEST = 2.0  # seconds of a window
 UNKNOWN_RATE = 25.0  # steps per second where no clock tells
 FEWEST_STEPS = 4  # of a window
-FEWEST_TO_COMPARE = 3  # windows, of which one may be wrong
-SWEEPS = 3  # in which windows learn from their neighbors
 
 
-@dataclass(frozen=True)
-class Watched:
-    """What all windows of a recording say.
+class Watched(NamedTuple):
+    """What a recording says about the errors of its cameras.
 
     Attributes:
         sights: the recording.
-        windows: in order.
+        course: the errors over time.
         seconds: length of a window.
-        noise: of the edges of a box, as a share of its height.
+        alpha: probability of a false alarm per window and test.
     """
 
     sights: Sights
-    windows: tuple[Window, ...]
+    course: Course
     seconds: float
-    noise: Float[np.ndarray, "3"]
-
-    @property
-    def alpha(self) -> float:
-        """Probability of a false alarm per window and test."""
-        return self.seconds / 3600 / HOURS_PER_ALARM / TESTS
+    alpha: float
 
 
-def watch_windows(
+def watch(
     scene: Scene,
     detections: Detections,
     settings: Settings | None,
     *,
     longest: float,
     maximum_offset: int,
+    kinds: Sequence[slice] = KINDS,
     localization: Localization | None = None,
     since: int | None = None,
     progress: Progress | None = None,
 ) -> Watched:
-    """Localize the people, and see how far each camera disagrees in each window.
+    """Localize the people, and follow by how far each camera disagrees.
+
+    Clocks may run at different rates. With the errors of the whole recording, more boxes meet
+    people than with those of one window. A window in which an error changed fits neither what was
+    before nor what came after: it is divided where the boxes say. In another one, few people who
+    walk straight fit several turns and lags, and its own may be wrong. So everything is matched and
+    fitted again.
 
     Args:
         scene: cameras and ground.
@@ -70,8 +69,9 @@ def watch_windows(
         settings: of the localization; the default method if None.
         longest: length of a window in seconds, of a long recording.
         maximum_offset: largest lag to look for, in frame numbers.
+        kinds: what may change.
         localization: of these detections in this scene, if it is known.
-        since: frame number at which a window begins.
+        since: frame number at which a window begins, and before which nothing changes.
         progress: called as `progress(stage, done, total)`.
 
     Raises:
@@ -89,135 +89,76 @@ def watch_windows(
     if localization is None:
         localization = localize(detections, scene, settings, progress)
     require_instance(localization, Localization, "localization")
-    localization.require_detections(detections)
-    keep = is_confident(detections, settings.confidence)
-    confident, tracks = detections[keep], localization.tracks
-    if not np.asarray(scene.rig.registered)[confident.camera].any():
-        raise InsufficientDataError(
-            "Checking a rig needs confident boxes of its registered cameras, but there are none. "
-            "Check that the detections belong to the scene, and their scores."
-        )
-    row = np.append(np.where(keep, np.cumsum(keep) - 1, -1), -1)  # of `confident`
-    recording = sights(scene, confident, replace(tracks, support=row[tracks.support]))
+    recording = sights(scene, detections, localization, settings)
     rate = (
         UNKNOWN_RATE if detections.clock is None else detections.clock.frame_rate / recording.step
     )
     length = float(np.clip(recording.steps / WINDOWS, SHORTEST * rate, longest * rate))
     steps = max(FEWEST_STEPS, round(length))
-    begins = _begins(recording, steps, since)
+    cut = 0 if since is None else (since - recording.first) // recording.step
+    begins = _begins(recording, steps, cut)
     reach = min(maximum_offset // recording.step, recording.steps // 3)
     shifts = np.array(sorted(range(-reach, reach + 1), key=abs))
     start = np.zeros((scene.rig.camera_count, PARAMETERS))
-    noise = np.array(settings.evidence.edge_noise)
     windows: list[Window] = []
     for index, (begin, stop) in enumerate(begins):
         report("windows", index, len(begins))
-        windows.append(solve_window(recording, begin, stop, start, noise, shifts))
+        windows.append(solve_window(recording, begin, stop, start, shifts))
         start = windows[-1].errors
-    known = np.flatnonzero(scene.rig.registered).tolist()
-    for _ in range(SWEEPS):
-        windows = [_with_relative_lags(window, known) for window in windows]
-        again = _likelier_starts(recording, windows, known)
-        for index, start in again.items():
-            begin, stop = begins[index]
-            windows[index] = solve_window(recording, begin, stop, start, noise)
-        if not again:
-            break
     report("windows", len(begins), len(begins))
-    return Watched(recording, tuple(windows), steps / rate, noise)
+    seconds = steps / rate
+    alpha = seconds / 3600 / HOURS_PER_ALARM / TESTS
+
+    def fitted(windows: Sequence[Window]) -> Course:
+        later = (i for i, window in enumerate(windows) if i and window.begin >= cut)
+        return fit_course(windows, alpha, kinds=kinds, first=next(later, 1))
+
+    course = fitted(_matched_again(recording, fitted(windows), report))
+    return Watched(recording, course, seconds, alpha)
 
 
-def _with_relative_lags(window: Window, cameras: Sequence[int]) -> Window:
-    """Count lags from that of the middle camera."""
-    errors = window.errors.copy()
-    errors[:, LAG] -= np.median(errors[cameras, LAG])
-    return window._replace(errors=errors)
+def _matched_again(recording: Sights, course: Course, report: Progress) -> list[Window]:
+    """Match everybody with the errors of a course; divide windows within which one changed."""
+    windows = []
+    frames = [time_of_change(recording, course, i)[0] for i in range(len(course.changes))]
+    cuts = sorted({-(-(frame - recording.first) // recording.step) for frame in frames})
+    for index, window in enumerate(course.windows):
+        report("changes", index, len(course.windows))
+        inside = [cut for cut in cuts if window.begin < cut < window.stop]
+        for begin, stop in pairwise([window.begin, *inside, window.stop]):
+            start = _start(recording, course, index, begin, stop)
+            windows.append(solve_window(recording, begin, stop, start))
+    report("changes", len(course.windows), len(course.windows))
+    return windows
 
 
-def _likelier_starts(
-    recording: Sights, windows: Sequence[Window], cameras: Sequence[int]
-) -> dict[int, Float[np.ndarray, "cam 8"]]:
-    """The windows that should be solved again, and from which errors of all cameras.
+def _start(
+    recording: Sights, course: Course, index: int, begin: int, stop: int
+) -> Float[np.ndarray, "cam 8"]:
+    """Errors that a course predicts for a window or a part of it.
 
-    Few people who walk straight fit several turns and lags. Those of a window are believed if far
-    more boxes meet people than with what most windows say, and no fewer than with what the
-    neighboring windows say.
+    The boxes tell which of the errors that a camera has over time is that of the window.
     """
-    starts = {}
-    errors = np.array([window.errors for window in windows])
-    for index, usual in enumerate(_usual(windows, errors, cameras)):
-        window, start = windows[index], errors[index].copy()
-        nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(windows)]
-        person = recording.people.between(window.begin, window.stop)
-        for camera in np.flatnonzero(window.boxes).tolist():
-            tried = errors[nearby, camera]
-            if all(_is_near(start[camera], one) for one in (usual[camera], *tried)):
-                continue
-            others = recording.people.seen_by_others(camera, person)
-            likely = best(recording, camera, others, usual[camera], tried)
-            if not _is_near(start[camera], likely):
-                start[camera] = likely
-                starts[index] = start
-    return starts
+    start = course.at(index)[0].reshape(-1, PARAMETERS)
+    person = recording.people.between(begin, stop)
+    for camera in {change.camera for change in course.changes}:
+        others = recording.people.seen_by_others(camera, person)
+        changed = [0, *(change.window for change in course.changes if change.camera == camera)]
+        tried = [course.at(index, window)[0] for window in changed]
+        costs = [costs_of_people(recording, camera, others, errors).sum() for errors in tried]
+        start[camera] = tried[int(np.argmin(costs))].reshape(-1, PARAMETERS)[camera]
+    return start
 
 
-def _is_near(one: Float[np.ndarray, "8"], other: Float[np.ndarray, "8"]) -> bool:
-    """Return whether a window solved from one error would end up at the other."""
-    off = one - other
-    return bool(np.abs(off[LAG]) <= 1) and bool(np.linalg.norm(off[TURN]) <= CELL)
-
-
-def _usual(
-    windows: Sequence[Window], errors: Float[np.ndarray, "window cam 8"], cameras: Sequence[int]
-) -> Float[np.ndarray, "window cam 8"]:
-    """The errors of all cameras in each window that most windows suggest.
-
-    The middle turn of each camera, and the line through the middle of its lags (Theil and Sen).
-    """
-    time = np.array([(w.begin + w.stop) / 2 for w in windows])
-    usual = errors.copy()
-    for camera in cameras:
-        matched_windows = [i for i, w in enumerate(windows) if w.matched[camera] > 0]
-        if len(matched_windows) < FEWEST_TO_COMPARE:
-            continue
-        mine = errors[matched_windows, camera]
-        slope, at_zero = _middle_line(time[matched_windows], mine[:, LAG.start])
-        usual[:, camera, TURN] = np.median(mine[:, TURN], axis=0)
-        usual[:, camera, LAG.start] = at_zero + slope * time
-    return usual
-
-
-def _middle_line(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Fit a line through points of different x by the middle slope of all pairs (Theil and Sen).
-
-    The same as `scipy.stats.theilslopes`, whose module takes a second to import.
-
-    Returns:
-        The slope, and the value at 0 of that line through the middle x and the middle y.
-    """
-    first, second = np.triu_indices(len(x), 1)
-    slope = float(np.median((y[second] - y[first]) / (x[second] - x[first])))
-    return slope, float(np.median(y) - slope * np.median(x))
-
-
-def _begins(recording: Sights, steps: int, since: int | None) -> list[tuple[int, int]]:
-    """First step and step after the last one of each window with boxes; one begins at `since`."""
-    cut = (
-        0
-        if since is None
-        else int(np.clip((since - recording.first) // recording.step, 0, recording.steps))
-    )
+def _begins(recording: Sights, steps: int, cut: int) -> list[tuple[int, int]]:
+    """First step and step after the last one of each window with boxes; one begins at `cut`."""
+    cut = int(np.clip(cut, 0, recording.steps))
     occupied = np.unique(recording.boxes.frame)
     result = []
     for low, high in ((0, cut), (cut, recording.steps)):
         inside = occupied[(occupied >= low) & (occupied < high)]
-        count = max(1, (high - low) // steps)
-        length = (high - low) / count
-        # Of a recording with a long gap, only the windows near boxes.
-        near = ((inside - low) / max(length, 1)).astype(int)[:, None] + np.arange(-1, 2)
-        at = np.unique(np.clip(near, 0, count - 1))
-        begins, stops = (low + length * side for side in (at, at + 1))
-        begins, stops = begins.astype(int), np.where(at == count - 1, high, stops).astype(int)
-        boxes = np.searchsorted(inside, stops) - np.searchsorted(inside, begins)
-        result += zip(begins[boxes > 0].tolist(), stops[boxes > 0].tolist(), strict=True)
+        length, count = high - low, max(1, (high - low) // steps)
+        # The windows of the boxes alone, in whole numbers: a recording may have a long gap.
+        at = sorted({((frame - low + 1) * count - 1) // length for frame in inside.tolist()})
+        result += [(low + k * length // count, low + (k + 1) * length // count) for k in at]
     return result

@@ -11,18 +11,18 @@ from catfree.calibration.watching._matching import best, corrected_place, match_
 from catfree.calibration.watching._sights import PARAMETERS, TURN, sights
 from catfree.geometry import Similarity, transform_scene
 from catfree.methods import localize
+from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.types import Detections
 
-NOISE = np.array([0.05, 0.04, 0.05])
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def seen():
     world = make_world("ring4", 3, frames=20, people=6)
-    tracks = localize(world.detections, world.true_scene).tracks
-    return sights(world.true_scene, world.detections, tracks)
+    localization = localize(world.detections, world.true_scene)
+    return sights(world.true_scene, world.detections, localization, Settings())
 
 
 def error_of(turn=(0.0, 0.0, 0.0), lag=0.0, center=(0.0, 0.0, 0.0), zoom=0.0):
@@ -31,7 +31,7 @@ def error_of(turn=(0.0, 0.0, 0.0), lag=0.0, center=(0.0, 0.0, 0.0), zoom=0.0):
 
 def test_errors_stay_where_nobody_tells_of_them(seen):
     start = np.arange(4)[:, None] * error_of((0.1, -0.2, 0.3), 5.0)
-    window = solve_window(seen, 7, 7, start, NOISE)
+    window = solve_window(seen, 7, 7, start)
     np.testing.assert_allclose(window.errors, start, atol=1e-12)
     assert window.matrix.shape == (0, 4 * PARAMETERS, 4 * PARAMETERS)
     assert not window.boxes.any()
@@ -41,15 +41,16 @@ def test_a_window_tells_of_a_turn_that_it_starts_without(seen):
     turn = np.deg2rad([0.3, 0.8, 0.0])
     wrong = np.zeros((4, PARAMETERS))
     wrong[1, TURN] = turn
-    found = solve_window(seen, 0, 20, wrong, NOISE).errors
+    found = solve_window(seen, 0, 20, wrong).errors
     off = [np.linalg.norm(one[TURN] - found[0, TURN]) for one in found]
     assert max(off) < 0.5 * np.linalg.norm(turn)
 
 
 def test_the_unit_of_length_does_not_matter(seen):
     larger = transform_scene(Similarity(1e5, np.eye(3), np.zeros(3)), seen.scene, metric=False)
-    scaled = sights(larger, seen.detections, localize(seen.detections, larger).tracks)
-    one, other = (solve_window(s, 0, 20, np.zeros((4, PARAMETERS)), NOISE) for s in (seen, scaled))
+    localization = localize(seen.detections, larger)
+    scaled = sights(larger, seen.detections, localization, Settings())
+    one, other = (solve_window(s, 0, 20, np.zeros((4, PARAMETERS))) for s in (seen, scaled))
     np.testing.assert_allclose(other.errors, one.errors, atol=1e-6)
     np.testing.assert_allclose(other.matrix, one.matrix, rtol=1e-3, atol=1e-4 * one.matrix.max())
 
@@ -112,7 +113,7 @@ def test_a_camera_that_began_later_is_not_late():
     still = world.detections[world.detections.frame == 5]
     boxes = Detections.concatenate([replace(still, frame=still.frame - 5 + k) for k in range(20)])
     boxes = boxes[(boxes.camera != 1) | (boxes.frame >= 8)]
-    recording = sights(world.true_scene, boxes, localize(boxes, world.true_scene).tracks)
+    recording = sights(world.true_scene, boxes, localize(boxes, world.true_scene), Settings())
     others = recording.people.seen_by_others(1, recording.people.between(0, 10))
     right, late = error_of(), error_of(lag=7.0)
     np.testing.assert_array_equal(best(recording, 1, others, right, late[None]), right)

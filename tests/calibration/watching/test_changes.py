@@ -1,11 +1,13 @@
 """Changes over time, on costs with a known truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from catfree.calibration.watching._agreement import Window
 from catfree.calibration.watching._changes import fit_course, lost_since
-from catfree.calibration.watching._sights import LAG, TURN
+from catfree.calibration.watching._sights import LAG, LAGS, TURN
 
 CAMERAS, WINDOWS = 3, 20
 
@@ -67,11 +69,23 @@ def test_changes_of_one_camera_add_up():
     each = [course.of_changes([i])[0] for i in (0, 1)]
     np.testing.assert_allclose(total, np.sum(each, axis=0), rtol=1e-12)
     assert abs(total[0] - 0.03) < 3 * np.sqrt(covariance[0, 0])
-    last, none = (
-        course.at(WINDOWS - 1, changed=changed)[0].reshape(CAMERAS, 8) for changed in (True, False)
-    )
+    last, none = (course.at(WINDOWS - 1, changed)[0].reshape(CAMERAS, 8) for changed in (None, 0))
     np.testing.assert_allclose((last - none)[1, :3], total, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose((last - none)[[0, 2]], 0, atol=1e-12)
+
+
+def test_a_clock_that_jumps_is_told_from_those_that_do_not():
+    """Also if it is the middle one after its jump, or the one to which lags are relative."""
+    errors = np.zeros((WINDOWS, 8 * CAMERAS))
+    errors[:, 3], errors[:9, 8 + 3], errors[:, 16 + 3] = -1.0, -8.0, 1.0
+    course = fit_course(windows(errors, 3), 1e-5)
+    assert [(c.camera, c.kind, c.window) for c in course.changes] == [(1, LAG, 9)]
+    assert course.reference != 1
+    for reference, before in ((1, [7.0, 0.0, 9.0]), (2, [-2.0, -9.0, 0.0])):
+        course = replace(course, reference=reference)
+        for window, jump in ((8, 0.0), (9, 8.0)):
+            lag = course.at(window)[0][LAGS]
+            np.testing.assert_allclose(lag, before + jump * np.eye(CAMERAS)[1], atol=0.3)
 
 
 @pytest.mark.slow

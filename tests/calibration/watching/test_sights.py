@@ -16,6 +16,7 @@ from catfree.calibration.watching._sights import (
 )
 from catfree.geometry.camera import pixels_of_points
 from catfree.methods import localize
+from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.types import Detections
 
@@ -67,8 +68,7 @@ def test_angles_are_those_of_the_pixels_of_a_person():
     middle = pixel[:, 0].mean()
     box = [[middle - 20, pixel[0, 1], middle + 20, pixel[1, 1]]]
     detections = Detections([7], [1], box)
-    tracks = localize(world.detections, scene).tracks[:0]
-    seen = sights(scene, detections, tracks)
+    seen = sights(scene, detections, localize(detections, scene), Settings())
     state = np.array([[*person, height]])
     expected = predicted(state, np.zeros((1, 2)), seen.place[1:2])
     # The center of the box is a mean of pixels, that of the prediction a mean of angles.

@@ -10,6 +10,7 @@ from catfree.calibration import Verdict, check
 from catfree.calibration.watching._sights import sights
 from catfree.calibration.watching._swapped import swapped_cameras
 from catfree.errors import InvalidInputError
+from catfree.settings import Settings
 from catfree.synthetic import make_world
 
 CAMERAS, FRAMES = 6, 40
@@ -21,19 +22,21 @@ def world():
 
 
 @pytest.fixture(scope="module")
-def tracks(world):
-    return cf.localize(world.detections, world.true_scene).tracks
+def localization(world):
+    return cf.localize(world.detections, world.true_scene)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cycle", [(0, 4), (2, 5), (1, 3, 4)])
-def test_each_camera_gets_the_boxes_that_are_its_own(world, tracks, cycle):
+def test_each_camera_gets_the_boxes_that_are_its_own(world, localization, cycle):
     """The people are those of the right cameras; only the cameras of the boxes are wrong."""
     given = np.arange(CAMERAS)
     given[list(cycle)] = np.roll(cycle, 1)
     boxes = replace(world.detections, camera=given[world.detections.camera])
     moved = np.argsort(given)  # the people rest on the boxes by their new cameras
-    recording = sights(world.true_scene, boxes, replace(tracks, support=tracks.support[:, moved]))
+    tracks = localization.tracks
+    tracks = replace(tracks, support=tracks.support[:, moved])
+    recording = sights(world.true_scene, boxes, replace(localization, tracks=tracks), Settings())
     matched = np.full(CAMERAS, 0.9)
     matched[list(cycle)] = 0.1
     found = swapped_cameras(recording, matched)
@@ -41,15 +44,16 @@ def test_each_camera_gets_the_boxes_that_are_its_own(world, tracks, cycle):
 
 
 @pytest.mark.slow
-def test_nothing_is_swapped_where_boxes_fit_nowhere(world, tracks):
+def test_nothing_is_swapped_where_boxes_fit_nowhere(world, localization):
     """Shuffled frames, one suspect, cameras that should show nobody, too few trusted cameras."""
     boxes = world.detections
     order = np.random.default_rng(0).permutation(FRAMES)
     elsewhere = np.isin(boxes.camera, [1, 2])
     shuffled = replace(boxes, frame=np.where(elsewhere, order[boxes.frame], boxes.frame))
     matched = np.array([0.9, 0.1, 0.1, 0.9, 0.9, 0.9])
-    assert swapped_cameras(sights(world.true_scene, shuffled, tracks), matched) == {}
-    recording = sights(world.true_scene, boxes, tracks)
+    recording = sights(world.true_scene, shuffled, localization, Settings())
+    assert swapped_cameras(recording, matched) == {}
+    recording = sights(world.true_scene, boxes, localization, Settings())
     assert swapped_cameras(recording, np.array([0.9, 0.1, 0.9, 0.9, 0.9, 0.9])) == {}
     assert swapped_cameras(recording, np.full(CAMERAS, np.nan)) == {}
     assert swapped_cameras(recording, np.array([0.9, 0.1, 0.1, 0.1, 0.1, 0.1])) == {}
