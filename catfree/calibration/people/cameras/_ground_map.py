@@ -96,7 +96,7 @@ def map_ground(
     matrix = projection(parameters)
     rough = parameters[X:Z] + heading * np.where(usable, first, 5.0)[..., None]
     usual = np.concatenate([rough, np.full((*rough.shape[:-1], 1), mean_height)], -1)
-    head, foot, _ = box_ends(matrix, usual)
+    head, foot, _ = box_ends(matrix, usual, parameters[X:Z], 0.0)
     across, rise = foot[..., 0] - head[..., 0], foot[..., 1] - head[..., 1]
     slope = across / np.where(np.abs(rise) > 1, rise, 1.0)
     lean = np.clip(slope, -0.5, 0.5) * (bottom - top) / 2

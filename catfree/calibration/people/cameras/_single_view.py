@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, Z, projection
-from catfree.geometry._arrays import safe_norm
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, X, Z, projection
 from catfree.geometry._buckets import padded
 from catfree.geometry._least_squares import (
     Residuals,
@@ -24,7 +23,7 @@ from catfree.geometry._least_squares import (
     minimize,
     robust,
 )
-from catfree.geometry._person import drop_to_height, height_at
+from catfree.geometry._person import drop_to_height, height_at, visible_foot
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
@@ -162,8 +161,8 @@ def _height(
     inverse = adjugate / (a @ adjugate[0])
     ground = drop_to_height(inverse, box[jnp.array([0, 2])])
     depth = matrix[2, :2] @ ground + matrix[2, 3]
-    ahead = ground * (1 + foot_offset / jnp.maximum(safe_norm(ground), 1e-6))
-    height = height_at(matrix, ahead, box[1])
+    position = jnp.stack(visible_foot(ground, plane[X:Z], -foot_offset))
+    height = height_at(matrix, position, box[1])
     gain = matrix[1, 2] - box[1] * matrix[2, 2]
     known = (depth > 0) & (depth < FLATTEST * plane[Z])
     known &= jnp.abs(gain) * FLATTEST > jnp.exp(plane[LOG_FOCAL])
