@@ -75,9 +75,9 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
             state = pair(p, placement.place(q))
             verdict = judge_camera(
                 work,
+                grid,
                 state,
                 two,
-                grid=grid,
                 camera_people=moved_map(source, placement),
                 others=target,
                 shifts=shifts,
