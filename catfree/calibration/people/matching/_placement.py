@@ -5,7 +5,7 @@ votes for all placements that would make it one person. The true placement colle
 person seen by both cameras; chance votes are spread thinly.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -55,13 +55,8 @@ def moved_map(people: GroundMap, placement: Placement) -> GroundMap:
     """Transform a local map to world coordinates."""
     c, s = np.cos(placement.angle), np.sin(placement.angle)
     R = np.array([[c, -s], [s, c]])
-    return GroundMap(
-        people.xy @ R.T + placement.translation,
-        R @ people.covariance @ R.T,
-        people.height,
-        people.height_sd,
-        people.valid,
-    )
+    xy = people.xy @ R.T + placement.translation
+    return replace(people, xy=xy, covariance=R @ people.covariance @ R.T)
 
 
 def vote(
