@@ -52,8 +52,8 @@ def mutual_nearest(one: GroundMap, other: GroundMap, gate: float) -> Matches:
     sideways *= sideways
     apart += sideways
     near = np.flatnonzero(apart < reach[:, :, None] + to_reach[:, None, :])
-    row, partner = np.divmod(near, max(partners, 1))
-    frame, slot = np.divmod(row, max(slots, 1))
+    row, partner = np.divmod(near, partners)
+    frame, slot = np.divmod(row, slots)
     column = frame * partners + partner
     x, y = (p.ravel()[row] - q.ravel()[column] for p, q in ((x, to_x), (y, to_y)))
     a, b, d = (p.ravel()[row] + q.ravel()[column] for p, q in ((a, to_a), (b, to_b), (d, to_d)))
