@@ -32,6 +32,10 @@ TOLERANCE = 0.10  # relative to the predicted box height: twice the spread of he
 LARGEST_SAMPLE = 1500  # boxes per fit; fewer are padded to this number
 FEWEST_BOXES = 12
 LARGEST_MISFIT = 30.0  # standard deviations
+HEIGHTS = (0.8, 40.0)  # meters; of a camera
+TILTS = (-0.3, 1.4)  # radians
+LARGEST_ROLL = 0.6  # radians
+SAME_ANGLE, SAME_HEIGHT = 0.009, 0.03  # radians and relative; planes that differ by less are one
 FLATTEST = 1e3  # camera heights; feet that are farther away are near the horizon
 
 
@@ -221,12 +225,16 @@ def _polish(
 
 
 def _is_sensible(plane: Float[np.ndarray, "7"]) -> bool:
-    return bool(0.8 < plane[Z] < 40 and abs(plane[ROLL]) < 0.6 and -0.3 < plane[TILT] < 1.4)
+    return bool(
+        HEIGHTS[0] < plane[Z] < HEIGHTS[1]
+        and TILTS[0] < plane[TILT] < TILTS[1]
+        and abs(plane[ROLL]) < LARGEST_ROLL
+    )
 
 
 def _same_plane(one: Float[np.ndarray, "7"], other: Float[np.ndarray, "7"]) -> bool:
     return bool(
-        abs(one[TILT] - other[TILT]) < 0.009
-        and abs(one[ROLL] - other[ROLL]) < 0.009
-        and abs(np.log(one[Z] / other[Z])) < 0.03
+        abs(one[TILT] - other[TILT]) < SAME_ANGLE
+        and abs(one[ROLL] - other[ROLL]) < SAME_ANGLE
+        and abs(np.log(one[Z] / other[Z])) < SAME_HEIGHT
     )

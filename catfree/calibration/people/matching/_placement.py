@@ -15,6 +15,8 @@ from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.settings import CalibrationSettings
 
 NEAR_BINS = 2.5  # of the vote; nearer placements are one
+LEAST_SCORE = 0.4  # of the best; lower placements are not looked at
+BINS_PER_PLACEMENT = 50  # looked at for each distinct placement
 VOTES_AT_A_TIME = 2**16  # fit a cache
 NEAREST_PEOPLE = 24  # people per frame that vote: those with the most precise positions
 
@@ -87,8 +89,8 @@ def vote(
     votes -= chance
     score = np.divide(votes, np.sqrt(level, out=level), out=votes)
     placements: list[tuple[float, Placement]] = []
-    best = np.flatnonzero(score > 0.4 * max(score.max(), 1e-9))
-    for index in best[np.argsort(-score.flat[best], kind="stable")[: 50 * count]]:
+    best = np.flatnonzero(score > LEAST_SCORE * max(score.max(), 1e-9))
+    for index in best[np.argsort(-score.flat[best], kind="stable")[: BINS_PER_PLACEMENT * count]]:
         angle_bin, x_bin, y_bin = np.unravel_index(index, score.shape)
         # A blurred bin sums itself and the next one, so its center is its upper edge.
         angle = (angle_bin + 0.5) * 2 * np.pi / bins
