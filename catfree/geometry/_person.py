@@ -29,17 +29,15 @@ Lens = Callable[[Float[Array, "*n 2"]], Float[Array, "*n 2"]]
 
 def visible_foot(
     position: Float[HostOrDevice, "*#n 2"],
-    station: Float[HostOrDevice, "*#n 2"] | None,
+    station: Float[HostOrDevice, "*#n 2"],
     foot_offset: Any,
 ) -> tuple[Any, Any]:
     """Ground point (x, y) of the visible foot of a person at a position; see `box_edges`.
 
     With a negative offset, this is the position of the person whose visible foot is at a point.
     """
-    x, y = position[..., 0], position[..., 1]
-    if station is None:
-        return x, y
     xp = position.__array_namespace__()
+    x, y = position[..., 0], position[..., 1]
     dx, dy = x - station[..., 0], y - station[..., 1]
     nearer = foot_offset / xp.sqrt(xp.maximum(dx**2 + dy**2, 1e-12))
     return x - nearer * dx, y - nearer * dy
@@ -48,8 +46,8 @@ def visible_foot(
 def box_ends(
     matrix: Float[HostOrDevice, "*#n 3 4"],
     person: Float[HostOrDevice, "*#n 3"],
-    station: Float[HostOrDevice, "*#n 2"] | None = None,
-    foot_offset: Float[HostOrDevice, ""] | float = 0.0,
+    station: Float[HostOrDevice, "*#n 2"],
+    foot_offset: Float[HostOrDevice, ""] | float,
     lens: Lens | None = None,
 ) -> tuple[Any, Any, Any]:
     """Project the head and the visible foot of a standing person; see `box_edges`.
@@ -73,8 +71,8 @@ def box_ends(
 def box_edges(
     matrix: Float[HostOrDevice, "*#n 3 4"],
     person: Float[HostOrDevice, "*#n 3"],
-    station: Float[HostOrDevice, "*#n 2"] | None = None,
-    foot_offset: Float[HostOrDevice, ""] | float = 0.0,
+    station: Float[HostOrDevice, "*#n 2"],
+    foot_offset: Float[HostOrDevice, ""] | float,
     lens: Lens | None = None,
 ) -> Any:
     """Predict the edges of the box of a standing person.
@@ -85,7 +83,7 @@ def box_edges(
         matrix: (3, 4) projection of homogeneous points over the ground; the third coordinate of the
             result is the depth, in units of the ground.
         person: (3,) position on the ground and height.
-        station: (2,) the camera's center, projected onto the ground; None for a foot on the axis.
+        station: (2,) the camera's center, projected onto the ground.
         foot_offset: distance by which the foot is nearer.
         lens: map (2,) of the projected points to pixels; they are pixels if None.
 
@@ -104,8 +102,8 @@ def edges_of(head: Float[HostOrDevice, "*n 2"], foot: Float[HostOrDevice, "*n 2"
 def edges_and_slopes(
     matrix: Float[Array, "3 4"],
     person: Float[Array, "3"],
-    station: Float[Array, "2"] | None = None,
-    foot_offset: float = 0.0,
+    station: Float[Array, "2"],
+    foot_offset: float,
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
     """`box_edges`, and its Jacobian (3, 3) with respect to the person."""
 

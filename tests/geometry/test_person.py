@@ -128,16 +128,16 @@ def test_numpy_broadcasts_to_what_jax_computes_one_by_one(x64, seed):
     edges = box_edges(matrices[:, None], people[None], stations[:, None], 0.15)
     heights = height_at(matrices[:, None], people[None, :, :2], edges[..., 1])
     for i, j in np.ndindex(3, 3):
-        one = matrices[i], people[j], stations[i]
-        np.testing.assert_allclose(edges[i, j], predicted(*one, 0.15), rtol=1e-9)
+        one = matrices[i], people[j], stations[i], 0.15
+        np.testing.assert_allclose(edges[i, j], predicted(*one), rtol=1e-9)
         if box_ends(*one)[2] > 0.1:
             assert heights[i, j] == pytest.approx(people[j, 2], rel=1e-6)
 
 
 @pytest.mark.slow
 def test_slopes_are_the_derivatives_of_the_edges(x64):
-    K, R, t, _, person = drawn(3)
-    at = jnp.asarray(matrix(K, R, t)), jnp.asarray(person)
+    K, R, t, center, person = drawn(3)
+    at = (*map(jnp.asarray, (matrix(K, R, t), person, center[:2])), 0.15)
     edges, slopes = edges_and_slopes(*at)
     np.testing.assert_array_equal(edges, box_edges(*at))
     np.testing.assert_allclose(slopes, jax.jacfwd(box_edges, 1)(*at), rtol=1e-12)

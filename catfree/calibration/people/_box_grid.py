@@ -61,7 +61,7 @@ def grid_boxes(
     detections: Detections,
     size: Int[np.ndarray, "cam 2"],
     settings: CalibrationSettings,
-    lenses: RadialLenses | None = None,
+    lenses: RadialLenses,
 ) -> BoxGrid:
     """Sort person boxes into a padded grid.
 
@@ -69,7 +69,7 @@ def grid_boxes(
         detections: boxes of all cameras.
         size: (C, 2) width and height in pixels.
         settings: constants.
-        lenses: lenses to remove from the boxes, ideal if None.
+        lenses: lenses to remove from the boxes.
 
     Returns:
         The grid. Boxes that touch the image border are omitted, since at least one of their edges
@@ -87,9 +87,7 @@ def grid_boxes(
     slot = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
     shape = (len(size), len(frames), int(counts.max(initial=1)))
     at = (camera[row], time, slot)
-    edges = edges_from_center(box[row], size[camera[row]])
-    if lenses is not None:
-        edges = lenses.straightened(camera[row], edges)
+    edges = lenses.straightened(camera[row], edges_from_center(box[row], size[camera[row]]))
     box_grid, sd, valid = np.zeros((*shape, 3)), np.ones(shape), np.zeros(shape, bool)
     box_grid[at], valid[at] = edges, True
     sd[at] = edge_deviation(edges[:, 2] - edges[:, 1], settings.relative_sd, settings.pixel_sd)

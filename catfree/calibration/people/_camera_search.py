@@ -57,7 +57,7 @@ def reconsider(
             continue
         parameters, verdict = accepted[0]
         if state.placed[camera]:
-            current = judge_camera(work, state, camera, grid=work.scoring)
+            current = judge_camera(work, work.scoring, state, camera)
             if verdict.margin < current.margin + settings.minimum_margin:
                 continue
         state = state.with_camera(camera, parameters)
@@ -182,8 +182,7 @@ def _resume(
 ) -> tuple[Workspace, RigState]:
     """Convert a finished rig to a rig under construction."""
     rig = calibration.scene.rig
-    size, lenses = np.asarray(rig.image_size), RadialLenses.of(rig)
-    work = prepare(detections, size, settings, None, lenses)
+    work = prepare(detections, rig.image_size, settings, None, RadialLenses.of(rig))
     return work, _state(rig)
 
 

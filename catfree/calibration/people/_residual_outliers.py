@@ -27,7 +27,7 @@ def worst_outlier(
     residual: Float[np.ndarray, " cam"],
     support: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
-    tried: Collection[int] = (),
+    tried: Collection[int],
 ) -> int | None:
     """Find the camera whose boxes fit worst, if they fit clearly worse than the others'.
 

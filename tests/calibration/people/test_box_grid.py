@@ -7,12 +7,14 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration.people._box_grid import grid_boxes
+from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 
 RULES = CalibrationSettings()
 SIZE = np.array([[640, 480], [1920, 1080], [800, 600]])
+IDEAL = RadialLenses(np.ones(3), np.zeros(3))
 FIELDS = ("box", "sd", "valid")
 
 seeds = st.integers(0, 10**6)
@@ -44,7 +46,7 @@ def whole(detections):
 @given(seeds)
 def test_every_whole_box_is_in_one_slot_of_its_camera_and_frame(seed):
     detections = drawn(seed)
-    grid = grid_boxes(detections, SIZE, RULES)
+    grid = grid_boxes(detections, SIZE, RULES, IDEAL)
     box = np.asarray(detections.box)
     row = np.lexsort((box[:, 0], box[:, 3], detections.frame, detections.camera))
     row = row[whole(detections)[row]]
@@ -66,14 +68,14 @@ def test_every_whole_box_is_in_one_slot_of_its_camera_and_frame(seed):
 def test_the_order_of_the_boxes_says_nothing(seed):
     detections = drawn(seed)
     order = np.random.default_rng(seed).permutation(len(detections))
-    plain, mixed = (grid_boxes(d, SIZE, RULES) for d in (detections, detections[order]))
+    plain, mixed = (grid_boxes(d, SIZE, RULES, IDEAL) for d in (detections, detections[order]))
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(plain, name), getattr(mixed, name))
 
 
 @given(seeds, st.integers(0, 2), st.integers(-9, 9))
 def test_shifting_moves_one_camera_in_time_and_back(seed, camera, shift):
-    grid = grid_boxes(drawn(seed), SIZE, RULES)
+    grid = grid_boxes(drawn(seed), SIZE, RULES, IDEAL)
     shifted = grid.shifted(camera, shift)
     back = shifted.shifted(camera, -shift)
     for name in FIELDS:
@@ -87,7 +89,7 @@ def test_shifting_moves_one_camera_in_time_and_back(seed, camera, shift):
 
 @given(seeds, st.integers(1, 9))
 def test_some_frames_are_those_frames(seed, most):
-    grid = grid_boxes(drawn(seed), SIZE, RULES)
+    grid = grid_boxes(drawn(seed), SIZE, RULES, IDEAL)
     some = grid.thinned(most)
     assert some.frame_count == min(most, grid.frame_count)
     index = np.searchsorted(grid.frames, some.frames)
@@ -101,7 +103,7 @@ def test_long_sequences_are_thinned_out_evenly(most):
     frames = 3 * np.arange(10)
     box = np.tile([100.0, 100, 150, 250], (10, 1))
     rules = dataclasses.replace(RULES, maximum_frames=most)
-    grid = grid_boxes(Detections(frames, np.zeros(10, int), box), SIZE[:1], rules)
+    grid = grid_boxes(Detections(frames, np.zeros(10, int), box), SIZE[:1], rules, IDEAL)
     assert grid.frame_count == most
     assert (grid.frames[0], grid.frames[-1]) == (0, 27)
     assert np.ptp(np.diff(grid.frames)) <= 3
@@ -109,5 +111,5 @@ def test_long_sequences_are_thinned_out_evenly(most):
 
 
 def test_nothing_makes_an_empty_grid():
-    nothing = grid_boxes(Detections([], [], np.zeros((0, 4))), SIZE, RULES)
+    nothing = grid_boxes(Detections([], [], np.zeros((0, 4))), SIZE, RULES, IDEAL)
     assert nothing.valid.shape == (3, 0, 1)

@@ -14,6 +14,7 @@ from catfree.methods.evidence._gaussian import (
     mean_and_covariance,
 )
 from catfree.methods.evidence.observe._views import ground_views
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from tests.methods.evidence.evidence_worlds import make_rig, make_scene
 
 
@@ -95,10 +96,11 @@ def test_slopes_of_the_edges_match_finite_differences(x, y, h, camera):
     with jax.enable_x64(True):
         views = ground_views(make_scene(make_rig(roll=0.2)), 1.7)
         matrix, state = jnp.asarray(views.matrix[camera]), jnp.array([x / 1.7, y / 1.7, h])
-        _, slopes = edges_and_slopes(matrix, state)
+        foot = jnp.asarray(views.station[camera]), FOOT_AHEAD
+        _, slopes = edges_and_slopes(matrix, state, *foot)
         step = 1e-6
         for i in range(3):
             e = step * np.eye(3)[i]
-            ends = (box_edges(matrix, state + sign * e) for sign in (1, -1))
+            ends = (box_edges(matrix, state + sign * e, *foot) for sign in (1, -1))
             numeric = np.subtract(*ends) / 2e-6
             np.testing.assert_allclose(slopes[:, i], numeric, rtol=1e-4, atol=1e-3)

@@ -55,8 +55,8 @@ def measure_people(
     Returns:
         The boxes, and ground positions and heights (P, 3) in meters.
     """
-    time, slot = np.nonzero((people.members >= 0).sum(-1) >= 2)
-    time, slot = evenly_spread(time, MOST_PEOPLE), evenly_spread(slot, MOST_PEOPLE)
+    shared = np.argwhere((people.members >= 0).sum(-1) >= 2)
+    time, slot = evenly_spread(shared, MOST_PEOPLE).T
     members = people.members[time, slot]
     person, camera = np.nonzero(members >= 0)
     at = (camera, time[person], members[person, camera])

@@ -34,6 +34,7 @@ from catfree.types._annotations import HostOrDevice
 
 TOLERANCES = (0.10, 0.06, 0.03)  # fraction of the range, decreasing as the camera converges
 MOST_STEPS = 8  # of a fit
+HEIGHTS = (0.5, 60.0)  # meters; a camera that leaves them diverges
 FEWEST_MATCHES = 6
 MATCHES_BLOCK = 1024  # matches are padded to this number, or to a power of four times it
 FITS_BLOCK = 4  # fits are padded in the same way
@@ -93,7 +94,7 @@ def resect(
         refined = {
             at: parameters
             for at, parameters in zip(matches, fitted, strict=True)
-            if np.isfinite(parameters).all() and 0.5 < parameters[Z] < 60
+            if HEIGHTS[0] < parameters[Z] < HEIGHTS[1]
         }
     return [refined.get(at) for at in range(len(placements))]
 

@@ -16,6 +16,8 @@ from catfree.calibration.people.cameras._camera_model import (
 from catfree.geometry._person import ASPECT, NEAREST_DEPTH, box_ends, edges_of, height_at
 from catfree.settings import CalibrationSettings
 
+NEAREST = 0.3  # meters; nearer, a person is below the camera
+USUAL_RANGE = 5.0  # meters; of a foot out of reach, for the lean of its person
 FARTHEST = 80.0  # meters; beyond, the box of a person is a few pixels in any camera
 # Errors of a map along its rays as shares of the range: of a single view first, of an adjusted rig
 # last.
@@ -42,8 +44,6 @@ class GroundMap:
 
     def rolled(self, frames: int) -> "GroundMap":
         """Show everybody a number of frames later, circularly."""
-        if frames == 0:
-            return self
         return GroundMap(*(np.roll(part, frames, axis=0) for part in vars(self).values()))
 
 
@@ -87,16 +87,19 @@ def map_ground(
     Returns:
         The map in world coordinates.
     """
+
+    def within_reach(away: Float[np.ndarray, "frame slot"]) -> Bool[np.ndarray, "frame slot"]:
+        return valid & (away > NEAREST) & (away < FARTHEST)
+
     u, top, bottom = np.moveaxis(box, -1, 0)
     R = rotation(parameters)
     mean_height = settings.apparent_height
     # The body axis leans in the image of a tilted or rolled camera: estimate its slope once.
     first, heading = _ground_range(parameters, R, u, bottom, 0.0)
-    usable = valid & (first > 0.3) & (first < FARTHEST)
     matrix = projection(parameters)
-    rough = parameters[X:Z] + heading * np.where(usable, first, 5.0)[..., None]
+    rough = parameters[X:Z] + heading * np.where(within_reach(first), first, USUAL_RANGE)[..., None]
     usual = np.concatenate([rough, np.full((*rough.shape[:-1], 1), mean_height)], -1)
-    head, foot, _ = box_ends(matrix, usual)
+    head, foot, _ = box_ends(matrix, usual, parameters[X:Z], 0.0)
     across, rise = foot[..., 0] - head[..., 0], foot[..., 1] - head[..., 1]
     slope = across / np.where(np.abs(rise) > 1, rise, 1.0)
     lean = np.clip(slope, -0.5, 0.5) * (bottom - top) / 2
@@ -109,10 +112,9 @@ def map_ground(
     head_next, _ = _ground_range(parameters, R, u - lean, top + 1.0, mean_height)
     taller, _ = _ground_range(parameters, R, u - lean, top, mean_height + settings.person_height_sd)
     head_sd = np.hypot((head_next - head_range) * sd, taller - head_range)
-    foot_ok = valid & (foot_range > 0.3) & (foot_range < FARTHEST)
-    head_ok = valid & (head_range > 0.3) & (head_range < FARTHEST)
+    foot_ok = within_reach(foot_range)
     # The head alone is uninformative if the camera is about as high as a head.
-    head_ok &= head_sd < 0.5 * np.abs(head_range)
+    head_ok = within_reach(head_range) & (head_sd < 0.5 * np.abs(head_range))
     gap = (foot_range - head_range) ** 2 / (foot_range_sd**2 + head_sd**2)
     both = foot_ok & head_ok
     belief = np.where(both, 1 / (1 + gap / 4) ** 2, 1.0)

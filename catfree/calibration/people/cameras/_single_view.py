@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, Z, projection
-from catfree.geometry._arrays import safe_norm
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, X, Z, projection
 from catfree.geometry._buckets import padded
 from catfree.geometry._least_squares import (
     Residuals,
@@ -24,7 +23,7 @@ from catfree.geometry._least_squares import (
     minimize,
     robust,
 )
-from catfree.geometry._person import drop_to_height, height_at
+from catfree.geometry._person import drop_to_height, height_at, visible_foot
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
@@ -33,6 +32,10 @@ TOLERANCE = 0.10  # relative to the predicted box height: twice the spread of he
 LARGEST_SAMPLE = 1500  # boxes per fit; fewer are padded to this number
 FEWEST_BOXES = 12
 LARGEST_MISFIT = 30.0  # standard deviations
+HEIGHTS = (0.8, 40.0)  # meters; of a camera
+TILTS = (-0.3, 1.4)  # radians
+LARGEST_ROLL = 0.6  # radians
+SAME_ANGLE, SAME_HEIGHT = 0.009, 0.03  # radians and relative; planes that differ by less are one
 FLATTEST = 1e3  # camera heights; feet that are farther away are near the horizon
 
 
@@ -162,8 +165,8 @@ def _height(
     inverse = adjugate / (a @ adjugate[0])
     ground = drop_to_height(inverse, box[jnp.array([0, 2])])
     depth = matrix[2, :2] @ ground + matrix[2, 3]
-    ahead = ground * (1 + foot_offset / jnp.maximum(safe_norm(ground), 1e-6))
-    height = height_at(matrix, ahead, box[1])
+    position = jnp.stack(visible_foot(ground, plane[X:Z], -foot_offset))
+    height = height_at(matrix, position, box[1])
     gain = matrix[1, 2] - box[1] * matrix[2, 2]
     known = (depth > 0) & (depth < FLATTEST * plane[Z])
     known &= jnp.abs(gain) * FLATTEST > jnp.exp(plane[LOG_FOCAL])
@@ -222,12 +225,16 @@ def _polish(
 
 
 def _is_sensible(plane: Float[np.ndarray, "7"]) -> bool:
-    return bool(0.8 < plane[Z] < 40 and abs(plane[ROLL]) < 0.6 and -0.3 < plane[TILT] < 1.4)
+    return bool(
+        HEIGHTS[0] < plane[Z] < HEIGHTS[1]
+        and TILTS[0] < plane[TILT] < TILTS[1]
+        and abs(plane[ROLL]) < LARGEST_ROLL
+    )
 
 
 def _same_plane(one: Float[np.ndarray, "7"], other: Float[np.ndarray, "7"]) -> bool:
     return bool(
-        abs(one[TILT] - other[TILT]) < 0.009
-        and abs(one[ROLL] - other[ROLL]) < 0.009
-        and abs(np.log(one[Z] / other[Z])) < 0.03
+        abs(one[TILT] - other[TILT]) < SAME_ANGLE
+        and abs(one[ROLL] - other[ROLL]) < SAME_ANGLE
+        and abs(np.log(one[Z] / other[Z])) < SAME_HEIGHT
     )

@@ -12,6 +12,8 @@ from catfree.calibration.people.cameras._ground_map import GroundMap
 ROUNDING = 1.01  # single precision may shorten a distance by less
 LEAST_DENSITY = 0.002  # boxes per square meter and frame: one somewhere in 500 square meters
 CELL = 0.5  # meters
+BLUR = 1.0  # meters
+MARGIN = 4 * BLUR  # beyond it the blur ends
 
 
 class Matches(NamedTuple):
@@ -52,8 +54,8 @@ def mutual_nearest(one: GroundMap, other: GroundMap, gate: float) -> Matches:
     sideways *= sideways
     apart += sideways
     near = np.flatnonzero(apart < reach[:, :, None] + to_reach[:, None, :])
-    row, partner = np.divmod(near, max(partners, 1))
-    frame, slot = np.divmod(row, max(slots, 1))
+    row, partner = np.divmod(near, partners)
+    frame, slot = np.divmod(row, slots)
     column = frame * partners + partner
     x, y = (p.ravel()[row] - q.ravel()[column] for p, q in ((x, to_x), (y, to_y)))
     a, b, d = (p.ravel()[row] + q.ravel()[column] for p, q in ((a, to_a), (b, to_b), (d, to_d)))
@@ -94,7 +96,7 @@ def _first_lowest(
 def chance_density(
     people: GroundMap,
 ) -> Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]:
-    """Estimate the density of a camera's boxes on the ground, blurred by one meter.
+    """Estimate the density of a camera's boxes on the ground, blurred by `BLUR`.
 
     A person who stands still makes the local density high, so that a match there is not evidence.
 
@@ -107,12 +109,12 @@ def chance_density(
     xy = people.xy[people.valid]
     if not len(xy):
         return lambda xy: np.full(len(xy), LEAST_DENSITY)
-    origin = xy.min(0) - 4
-    shape = np.ceil((xy.max(0) + 4 - origin) / CELL).astype(int) + 1
+    origin = xy.min(0) - MARGIN
+    shape = np.ceil((xy.max(0) + MARGIN - origin) / CELL).astype(int) + 1
     index = np.floor((xy - origin) / CELL).astype(int)
     counts = np.bincount(np.ravel_multi_index(index.T, shape), minlength=shape.prod())
     density = counts.reshape(shape) / (CELL**2 * len(people.xy))
-    density = gaussian_filter(density, 1.0 / CELL, mode="constant")
+    density = gaussian_filter(density, BLUR / CELL, mode="constant")
 
     def at(xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         index = np.floor((xy - origin) / CELL).astype(int)

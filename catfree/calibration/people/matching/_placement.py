@@ -5,7 +5,7 @@ votes for all placements that would make it one person. The true placement colle
 person seen by both cameras; chance votes are spread thinly.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,8 @@ from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.settings import CalibrationSettings
 
 NEAR_BINS = 2.5  # of the vote; nearer placements are one
+LEAST_SCORE = 0.4  # of the best; lower placements are not looked at
+BINS_PER_PLACEMENT = 50  # looked at for each distinct placement
 VOTES_AT_A_TIME = 2**16  # fit a cache
 NEAREST_PEOPLE = 24  # people per frame that vote: those with the most precise positions
 
@@ -55,13 +57,8 @@ def moved_map(people: GroundMap, placement: Placement) -> GroundMap:
     """Transform a local map to world coordinates."""
     c, s = np.cos(placement.angle), np.sin(placement.angle)
     R = np.array([[c, -s], [s, c]])
-    return GroundMap(
-        people.xy @ R.T + placement.translation,
-        R @ people.covariance @ R.T,
-        people.height,
-        people.height_sd,
-        people.valid,
-    )
+    xy = people.xy @ R.T + placement.translation
+    return replace(people, xy=xy, covariance=R @ people.covariance @ R.T)
 
 
 def vote(
@@ -92,8 +89,8 @@ def vote(
     votes -= chance
     score = np.divide(votes, np.sqrt(level, out=level), out=votes)
     placements: list[tuple[float, Placement]] = []
-    best = np.flatnonzero(score > 0.4 * max(score.max(), 1e-9))
-    for index in best[np.argsort(-score.flat[best], kind="stable")[: 50 * count]]:
+    best = np.flatnonzero(score > LEAST_SCORE * max(score.max(), 1e-9))
+    for index in best[np.argsort(-score.flat[best], kind="stable")[: BINS_PER_PLACEMENT * count]]:
         angle_bin, x_bin, y_bin = np.unravel_index(index, score.shape)
         # A blurred bin sums itself and the next one, so its center is its upper edge.
         angle = (angle_bin + 0.5) * 2 * np.pi / bins

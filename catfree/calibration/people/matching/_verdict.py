@@ -43,10 +43,10 @@ class PlacementVerdict:
 
 def judge_camera(
     work: Workspace,
+    grid: BoxGrid,
     state: RigState,
     camera: int,
     *,
-    grid: BoxGrid | None = None,
     camera_people: GroundMap | None = None,
     others: GroundMap | None = None,
     shifts: tuple[float, ...] | None = None,
@@ -55,16 +55,15 @@ def judge_camera(
 
     Args:
         work: the sequence.
+        grid: its boxes to judge by.
         state: the rig with the camera.
         camera: index of the camera.
-        grid: frames to judge on; all if None.
-        camera_people: the map of the camera on these frames; computed if None.
+        camera_people: the map of the camera; computed if None.
         others: that of the other cameras; computed if None.
         shifts: circular shifts of time to compare with, as fractions of the sequence; those of the
             settings if None.
     """
     settings = work.settings
-    grid = work.grid if grid is None else grid
     rest = state.without_camera(camera)
     if others is None:
         others = group_people(grid, rest, settings).ground
@@ -121,7 +120,8 @@ def judge_camera(
 
 def judge_cameras(work: Workspace, state: RigState) -> dict[int, PlacementVerdict]:
     """Judge every placed camera against the map of the others, on all frames."""
-    return {int(c): judge_camera(work, state, int(c)) for c in np.flatnonzero(state.placed)}
+    cameras = np.flatnonzero(state.placed).tolist()
+    return {c: judge_camera(work, work.grid, state, c) for c in cameras}
 
 
 def weakest(verdicts: dict[int, PlacementVerdict]) -> int | None:

@@ -16,6 +16,8 @@ from catfree.calibration.people.matching._workspace import Workspace
 PLACEMENTS_PER_VOTE = 3
 SHORTLIST = 30  # placements of a pair compared on few frames
 FINALISTS = 6  # of these, placements compared on more frames
+SETTLING_ROUNDS = 3
+FEWEST_MATCHES = 4  # from which a placement settles
 
 
 @dataclass(frozen=True)
@@ -75,9 +77,9 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
             state = pair(p, placement.place(q))
             verdict = judge_camera(
                 work,
+                grid,
                 state,
                 two,
-                grid=grid,
                 camera_people=moved_map(source, placement),
                 others=target,
                 shifts=shifts,
@@ -91,10 +93,10 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
 
 def _settle(target: GroundMap, source: GroundMap, placement: Placement, gate: float) -> Placement:
     """Align the second map to the first by iterated closest people."""
-    for _ in range(3):
+    for _ in range(SETTLING_ROUNDS):
         moved = moved_map(source, placement)
         time, slot, partner, *_ = mutual_nearest(target, moved, gate)
-        if len(time) < 4:
+        if len(time) < FEWEST_MATCHES:
             return placement
         spread = target.covariance[time, slot] + moved.covariance[time, partner]
         weight = 1 / spread.trace(axis1=1, axis2=2)

@@ -163,7 +163,7 @@ def judge_refined(
             continue
         # Not yet adjusted with the others.
         fitted = replace(state.with_camera(camera, parameters), range_tolerance=RANGE_ERRORS[1])
-        verdict = judge_camera(work, fitted, camera, grid=grid, others=people)
+        verdict = judge_camera(work, grid, fitted, camera, others=people)
         judged.append((parameters, verdict))
     return judged
 

@@ -19,6 +19,7 @@ from catfree.geometry import (
     triangulate_least_squares,
 )
 from catfree.geometry._buckets import in_blocks
+from catfree.geometry._person import visible_foot
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
@@ -96,11 +97,9 @@ def ray_diagnostics(
         foot = np.stack([edges[..., 0], edges[..., 2], np.ones(row.shape)], -1)
         direction = np.einsum("gcij,gcj->gci", inverse[view], foot)
         # The visible foot is nearer than the body: on the ground, the ray moves outward by as much.
-        height = origins[boxes.camera[row], 2]
-        away = np.linalg.norm(direction[..., :2], axis=-1)
-        down = (direction[..., 2] < 0) & (away > 0)
-        ahead = -FOOT_AHEAD * direction[..., 2] / (height * np.where(down, away, 1.0))
-        direction[..., :2] *= 1 + np.where(down, ahead, 0.0)[..., None]
+        fall = np.maximum(-direction[..., 2], 0) / origins[boxes.camera[row], 2]
+        level = visible_foot(direction[..., :2], np.zeros(2), -FOOT_AHEAD * fall)
+        direction[..., :2] = np.stack(level, -1)
         direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
         angle = np.asarray(measured.noise)[row, 2] / np.asarray(views.focal)[view]
         usable = (member >= 0) & boxes.valid[row] & np.asarray(measured.used)[row, 2] & (angle > 0)

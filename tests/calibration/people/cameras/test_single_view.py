@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people._box_grid import BoxGrid, grid_boxes
+from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.cameras._camera_model import (
     LOG_FOCAL,
     PAN,
@@ -21,6 +22,7 @@ from tests.calibration.people.boxes_of_rows import boxes_of_rows
 RULES = CalibrationSettings()
 SIZE = np.array([[1920, 1080]])
 FOCAL = 1200.0
+IDEAL = RadialLenses(np.array([FOCAL]), np.zeros(1))
 
 cameras = st.tuples(st.floats(0.15, 0.6), st.floats(-0.1, 0.1), st.floats(2.5, 7.0)).map(
     lambda c: np.array([np.log(FOCAL), c[0], c[1], 0.0, 0.0, 0.0, c[2]])
@@ -44,7 +46,7 @@ def grid_of(camera, seed, count=300, spread=0.0, pixels=0.0):
     # A box that is not at least a few pixels tall is nobody's.
     box = box[box[:, 3] - box[:, 1] > 8]
     frame = np.arange(len(box)) % 50
-    return grid_boxes(Detections(frame, np.zeros(len(box), int), box), SIZE, RULES)
+    return grid_boxes(Detections(frame, np.zeros(len(box), int), box), SIZE, RULES, IDEAL)
 
 
 def errors(plane, camera):
@@ -129,7 +131,7 @@ def test_boxes_of_no_ground_give_none_or_a_finite_one(kind):
     bottom = np.full(count, 700.0) if kind == "one row" else bottom
     left = rng.uniform(100, 1700, count)
     box = np.column_stack([left, bottom - tall, left + 0.4 * tall, bottom])
-    grid = grid_boxes(Detections(np.arange(count), np.zeros(count, int), box), SIZE, RULES)
+    grid = grid_boxes(Detections(np.arange(count), np.zeros(count, int), box), SIZE, RULES, IDEAL)
     found = fit_planes(grid, 0, FOCAL, RULES)
     assert np.isfinite(found).all()
     if kind == "growing upwards":

@@ -72,10 +72,12 @@ def exact(spread=0.05, people=PEOPLE):
     rng = np.random.default_rng(0)
     place = rng.uniform(-1.2, 1.2, (people, 2))
     state = np.column_stack([place, 1 + spread * rng.standard_normal(people)])
-    cameras = jax.vmap(box_edges, in_axes=(0, None))
-    people = jax.vmap(cameras, in_axes=(None, 0))
+    cameras = jax.vmap(box_edges, in_axes=(0, None, 0, None))
+    people = jax.vmap(cameras, in_axes=(None, 0, None, None))
     with jax.enable_x64(True):
-        return np.asarray(people(jnp.asarray(VIEWS.matrix), jnp.asarray(state)))
+        return np.asarray(
+            people(jnp.asarray(VIEWS.matrix), jnp.asarray(state), jnp.asarray(VIEWS.station), 0.0)
+        )
 
 
 def noisy(seed, share, edges=None):

@@ -12,6 +12,7 @@ from catfree.geometry._person import box_edges, drop_to_height, height_at
 from catfree.methods.evidence.observe._views import (
     ground_views,
 )
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from tests.methods.evidence.evidence_worlds import make_rig
 
 CAMERAS = 4
@@ -72,7 +73,9 @@ def test_feet_and_heads_drop_back_to_where_they_are(world, place, camera):
     scene, scale = scene_of(world)
     views = ground_views(scene, 1.7 * scale)
     matrix = jnp.asarray(views.matrix[camera])
-    column, top, bottom = box_edges(matrix, jnp.asarray(place))
+    column, top, bottom = box_edges(
+        matrix, jnp.asarray(place), jnp.asarray(views.station[camera]), 0.0
+    )
     for height, inverse in ((0.0, views.ground_inverse), (1.0, views.head_inverse)):
         pixel = views.matrix[camera] @ [*place[:2], height, 1]
         found = drop_to_height(jnp.asarray(inverse[camera]), jnp.asarray(pixel[:2] / pixel[2]))
@@ -148,5 +151,6 @@ def test_beside_and_behind_a_camera_values_and_slopes_are_finite(place):
         matrix = jnp.asarray(views.matrix[c])
         for away in (1.0, 1.0 + 1e-9, 3.0):
             state = jnp.asarray(np.append(away * views.station[c], 1.0) + (away == 3.0) * place)
-            assert jnp.isfinite(box_edges(matrix, state)).all()
-            assert jnp.isfinite(jax.jacfwd(box_edges, argnums=1)(matrix, state)).all()
+            at = matrix, state, jnp.asarray(views.station[c]), FOOT_AHEAD
+            assert jnp.isfinite(box_edges(*at)).all()
+            assert jnp.isfinite(jax.jacfwd(box_edges, argnums=1)(*at)).all()

@@ -51,8 +51,9 @@ def test_sums_predict_how_offsets_of_cameras_move_the_map():
 
     def edges(g):
         there = jnp.asarray(state) + jnp.asarray(modes) @ g
-        return jax.vmap(lambda m: jax.vmap(lambda s: box_edges(m, s))(there))(
-            jnp.asarray(views.matrix)
+        of_camera = jax.vmap(box_edges, (None, 0, None, None))
+        return jax.vmap(of_camera, (0, None, 0, None))(
+            jnp.asarray(views.matrix), there, jnp.asarray(views.station), 0.0
         )
 
     target = np.asarray(edges(jnp.zeros(4))) + (offset * views.focal[:, None])[:, None]
