@@ -20,14 +20,7 @@ from catfree.methods.evidence.report._reported import Reported, tracks_of
 from catfree.methods.evidence.report._residual_patterns import residual_patterns
 from catfree.methods.paper._assemble import summarize
 from catfree.settings import EvidenceSettings
-from catfree.types import (
-    Candidates,
-    Detections,
-    Fate,
-    Localization,
-    Scene,
-    Thresholds,
-)
+from catfree.types import Candidates, Detections, Fate, Localization, Scene, Thresholds
 from catfree.types._annotations import Progress
 
 GROUND_TOLERANCE = 0.15  # of a person's height, by which feet may be off the ground unmentioned

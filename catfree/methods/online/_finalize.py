@@ -34,12 +34,7 @@ from catfree.methods.evidence.track._tracking import (
 )
 from catfree.methods.online._advance import usual_steps
 from catfree.methods.online._learn import learn_places, likeness_of
-from catfree.methods.online._tracker_state import (
-    MICROSECONDS,
-    Learned,
-    PendingInstant,
-    TrackerState,
-)
+from catfree.methods.online._tracker_state import TICKS, Learned, PendingInstant, TrackerState
 from catfree.methods.online._update import Event
 from catfree.settings import EvidenceSettings
 
@@ -63,9 +58,9 @@ def provisional(
     state = learn_places(state, places, settings)
     rows = np.flatnonzero(alone & _in_working_area(instant.place, state.learned, settings))
     return state, Reported(
-        MICROSECONDS.frame_at(np.full(len(rows), instant.time)), node.track[rows], node.mean[rows],
-        node.covariance[rows], spread[rows], probability[rows], instant.support[rows],
-        instant.place[rows],
+        TICKS.frame_at(np.full(len(rows), instant.time)), node.track[rows],
+        node.mean[rows], node.covariance[rows], spread[rows], probability[rows],
+        instant.support[rows], instant.place[rows],
     )  # fmt: skip
 
 
@@ -175,7 +170,7 @@ def finalize(
         events += merged
         state = replace(state, final_time=window[t].time)
     rows = np.flatnonzero(reported & oldest)
-    frame = MICROSECONDS.frame_at(np.array([i.time for i in window]))[trails.frame[rows]]
+    frame = TICKS.frame_at(np.array([i.time for i in window]))[trails.frame[rows]]
     final = Reported(
         frame, identity[rows], trails.mean[rows], trails.covariance[rows], covariance[rows],
         probability[rows], support[rows], place[rows],

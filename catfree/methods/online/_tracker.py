@@ -21,18 +21,8 @@ from catfree.methods.online._finalize import (
     provisional,
     with_identities,
 )
-from catfree.methods.online._learn import (
-    add_to_sample,
-    is_due,
-    learn_noise_and_unit,
-    learn_step,
-)
-from catfree.methods.online._tracker_state import (
-    MICROSECONDS,
-    TrackerState,
-    new_state,
-    no_boxes,
-)
+from catfree.methods.online._learn import add_to_sample, is_due, learn_noise_and_unit, learn_step
+from catfree.methods.online._tracker_state import TICKS, TrackerState, new_state, no_boxes
 from catfree.methods.online._update import Update
 from catfree.settings import Settings
 from catfree.types import Clock, Detections, Scene, Tracks
@@ -268,17 +258,17 @@ class Tracker:
         registered = np.asarray(scene.rig.registered)
         origin = to_plan(scene, np.asarray(scene.rig.centers)[registered]).mean(0)
         unit = float(np.nan_to_num(learned.unit, nan=1.0))
-        pace = unit / float(np.nan_to_num(learned.step, nan=1.0)) / MICROSECONDS.frame_rate
+        pace = unit / float(np.nan_to_num(learned.step, nan=1.0)) / TICKS.frame_rate
         tracks = tracks_of(rows, scene, origin, unit, pace, _clock(time))
         return tracks[np.lexsort((tracks.track_id, tracks.frame))]
 
 
 def _frame(time: float) -> int:
-    return int(MICROSECONDS.frame_at(time))
+    return int(TICKS.frame_at(time))
 
 
 def _clock(time: float) -> Clock:
-    return replace(MICROSECONDS, utc=abs(time) > ABSOLUTE)
+    return replace(TICKS, utc=abs(time) > ABSOLUTE)
 
 
 def _take(values: np.ndarray, rows: np.ndarray) -> np.ndarray:

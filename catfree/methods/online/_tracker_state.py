@@ -20,7 +20,7 @@ from catfree.types._archive import load_arrays, save_arrays
 from catfree.types._validation import as_count
 
 M = TypeVar("M", Pasts, Node)
-MICROSECONDS = Clock(1_000_000)  # its ticks number the instants
+TICKS = Clock(1_000_000)  # microseconds: the frame numbers of what a tracker reports
 _SIZES = ("cameras", "window", "recording")  # numbers of each in a file
 
 
