@@ -208,7 +208,7 @@ def _identify(
     linked = past_of[chain[frame_nodes]]
     numbers = track[chain[frame_nodes]]
     previous = _identity_of(state, numbers)
-    names = np.where(linked >= 0, pasts.name[linked] if len(pasts.name) else -1, -1)
+    names = np.append(pasts.name, -1)[linked]
     # A track that continues no past keeps its own identity, unless a past has that one.
     free = (linked < 0) & (previous >= 0) & ~np.isin(previous, pasts.name)
     names[free] = previous[free]

@@ -120,7 +120,7 @@ class Tracker:
             )
         silent = self._silent(detections, cameras)
         usable_rows = np.flatnonzero(usable(detections, self.scene, self.settings))
-        boxes = _at(detections, usable_rows, 0)
+        boxes = _copied(detections, usable_rows, 0)
         settings = self.settings.evidence
         with float_width_of(detections.box):
             state = learn_step(state, time)
@@ -130,7 +130,7 @@ class Tracker:
             current = no_rows(self.scene.rig.camera_count)
             if not np.isnan(state.learned.unit):
                 state, instant = advance(state, boxes, time, silent, self.scene, settings)
-                support = np.where(instant.support >= 0, _take(usable_rows, instant.support), -1)
+                support = np.append(usable_rows, -1)[instant.support]
                 instant = instant._replace(support=support)
                 state, current = provisional(state, instant, settings)
                 state = replace(state, window=(*state.window, instant))
@@ -234,23 +234,17 @@ class Tracker:
         rows = np.column_stack([np.full(len(silent), frame), silent])
         return replace(
             state,
-            recording=(*state.recording, _at(detections, np.arange(len(detections)), frame)),
+            recording=(*state.recording, _copied(detections, slice(None), frame)),
             silent=np.concatenate([state.silent, rows]),
         )
 
     def _localized(self, state: TrackerState) -> Tracks:
         """Return the tracks that `localize` finds in all boxes."""
-        boxes = concatenate_common(state.recording)
-        clock = _clock(float(state.time))
-        boxes = Detections(**(vars(boxes) | {"clock": clock}))
+        boxes = replace(concatenate_common(state.recording), clock=_clock(float(state.time)))
         tracks = localize(boxes, self.scene, self.settings, silent=state.silent).tracks
         # Rows of the detections of each instant, not of all.
-        first = np.concatenate([np.zeros(len(part), np.int64) for part in state.recording])
-        begin = np.cumsum([0, *map(len, state.recording)])
-        for part, start in zip(state.recording, begin, strict=False):
-            first[start : start + len(part)] = start
-        support = np.where(tracks.support >= 0, tracks.support - _take(first, tracks.support), -1)
-        return replace(tracks, support=support)
+        rows = np.concatenate([np.arange(len(part)) for part in state.recording])
+        return replace(tracks, support=np.append(rows, -1)[tracks.support])
 
     def _tracks(self, rows: Reported, time: float) -> Tracks:
         """Convert to the frame and units of the scene, sorted by frame and identity."""
@@ -271,16 +265,7 @@ def _clock(time: float) -> Clock:
     return replace(TICKS, utc=abs(time) > ABSOLUTE)
 
 
-def _take(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Values at rows, and any value at -1."""
-    return values[rows] if len(values) else rows
-
-
-def _at(detections: Detections, rows: Int[np.ndarray, " k"], frame: int) -> Detections:
-    """Some of the boxes, in one frame, without a clock."""
-    columns: dict[str, Any] = {
-        name: None if value is None else value[rows]
-        for name, value in vars(detections).items()
-        if name not in ("frame", "clock")
-    }
-    return Detections(frame=np.full(len(rows), frame, np.int64), **columns)
+def _copied(detections: Detections, rows: Any, frame: int) -> Detections:
+    """Copy some of the boxes into one frame, without a clock."""
+    boxes = detections[rows]
+    return replace(boxes, frame=np.full(len(boxes), frame), clock=None)
