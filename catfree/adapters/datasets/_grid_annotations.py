@@ -216,6 +216,7 @@ def grid_sequence(
         require_people_in_front(rig, data.grid.lattice())
     images = numbered_images(root, data)
     frames = people.frames if len(people.frames) else image_numbers(images)
+    image_rows = tuple(tuple(map(files.get, frames.tolist())) for files in images)
     return MultiViewSequence(
         name=data.name,
         detections=people.detections,
@@ -227,7 +228,7 @@ def grid_sequence(
         fps=data.fps,
         evaluation_area=data.grid.area,
         true_centres=np.asarray(rig.centers),
-        images=image_table(images, frames),
+        images=image_rows if any(images) else (),
         identity=people.identity,
     )
 
@@ -241,12 +242,3 @@ def numbered_images(root: Path, data: GridDataSet) -> list[dict[int, Path]]:
 def image_numbers(images: list[dict[int, Path]]) -> Int[np.ndarray, " f"]:
     """List the numbers of the images of any camera, ascending."""
     return np.array(sorted(set().union(*images)), np.int64)
-
-
-def image_table(
-    images: list[dict[int, Path]], frames: Int[np.ndarray, " f"]
-) -> tuple[tuple[Path | None, ...], ...]:
-    """List (C, F) images, None if missing; () without any image."""
-    if not any(images):
-        return ()
-    return tuple(tuple(map(files.get, frames.tolist())) for files in images)

@@ -10,12 +10,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.adapters.datasets._grid_annotations import (
-    image_numbers,
-    numbered_files,
-    numbered_images,
-    read_annotations,
-)
+from catfree.adapters.datasets._grid_annotations import numbered_files, read_annotations
 from catfree.adapters.datasets._multiviewx import MULTIVIEWX, numbered_like_images
 from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.datasets._wildtrack import WILDTRACK
@@ -109,8 +104,7 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
             f"{len(WILDTRACK.camera_names)} and MultiviewX {len(MULTIVIEWX.camera_names)}."
         )
     if data is MULTIVIEWX:
-        images = image_numbers(numbered_images(folder.parent, data))
-        files = numbered_like_images(files, images)
+        files = numbered_like_images(files, folder.parent)
     people = read_annotations(files, data, invalid_boxes="drop", drop_unseen=True)
     frames = people.frames
     is_test = frames >= data.test_from

@@ -82,16 +82,15 @@ def read_multiviewx(
     """
     root = require_folder(folder, "MultiviewX")
     cameras = _read_cameras(root / "calibrations")
-    numbers = image_numbers(numbered_images(root, MULTIVIEWX))
     files = numbered_files(root / "annotations_positions", "json")
     if boxes is None:
         has_matchings = (root / "matchings").is_dir()
         boxes = "matchings" if has_matchings and not files else "annotations"
     if boxes == "matchings":
-        people = _read_matchings(root / "matchings", numbers, first_annotation)
+        people = _read_matchings(root, first_annotation)
     else:
         people = read_annotations(
-            numbered_like_images(files, numbers, first_annotation),
+            numbered_like_images(files, root, first_annotation),
             MULTIVIEWX,
             invalid_boxes=invalid_boxes,
             drop_unseen=drop_unseen,
@@ -100,10 +99,10 @@ def read_multiviewx(
 
 
 def numbered_like_images(
-    files: dict[int, Path], images: np.ndarray, first: int | None = None
+    files: dict[int, Path], root: Path, first: int | None = None
 ) -> dict[int, Path]:
     """Number annotation files as the images are; `first` as in `read_multiviewx`."""
-    shift = first_annotation_number(np.array(list(files)), images, first)
+    shift = _first_annotation_number(np.array(list(files)), root, first)
     return {number - shift: file for number, file in files.items()}
 
 
@@ -130,19 +129,20 @@ def _read_cameras(folder: Path) -> list[FileCamera]:
     return cameras
 
 
-def first_annotation_number(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:
+def _first_annotation_number(annotated: np.ndarray, root: Path, first: int | None) -> int:
     """Find the annotation number of image 0; see `read_multiviewx`."""
     if first is not None:
         return first
+    images = image_numbers(numbered_images(root, MULTIVIEWX))
     fits = [len(images) == 0 or bool(np.isin(annotated - shift, images).all()) for shift in (0, 1)]
     if fits[0] != fits[1]:
         return int(fits[1])
     return int(0 not in annotated)
 
 
-def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Annotations:
+def _read_matchings(root: Path, first: int | None) -> Annotations:
     """Read boxes around the projected cuboids, and exact foot positions."""
-    require_folder(folder, "MultiviewX matchings")
+    folder = require_folder(root / "matchings", "MultiviewX matchings")
     rows, corners = [], []
     positions: dict[tuple[int, int], tuple[float, float]] = {}
     for camera, name in enumerate(MULTIVIEWX.camera_names):
@@ -165,7 +165,7 @@ def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Anno
         for key, foot in zip(map(tuple, index.tolist()), points[:, -3:-1], strict=True):
             positions[key] = (float(foot[0]), _DEPTH - float(foot[1]))
     table, box = np.concatenate(rows), np.concatenate(corners)
-    shift = first_annotation_number(np.unique(table[:, 0]), images, first)
+    shift = _first_annotation_number(np.unique(table[:, 0]), root, first)
     table[:, 0] -= shift
     order = np.lexsort((table[:, 2], table[:, 1], table[:, 0]))
     table, box = table[order], box[order]

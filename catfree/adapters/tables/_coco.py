@@ -69,7 +69,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     """
     document = read_json(path, "boxes in COCO's form")
     described = document if isinstance(document, dict) else None
-    images_by_id = {}
+    images_by_id = None
     if images is not None:
         described = read_json(images, "images in COCO's form")
     if described is not None:
@@ -78,7 +78,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     with naming_file(path):
         rows = entry(document, "annotations") if isinstance(document, dict) else document
         rows = list_of(rows, "the boxes in COCO's form")
-        return _boxes(rows, None if described is None else images_by_id, _people(described))
+        return _boxes(rows, images_by_id, _people(described))
 
 
 def _boxes(

@@ -9,26 +9,18 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
 from catfree.geometry._plane import from_plan
-from catfree.methods.evidence._gaussian import probability_within, symmetrized
+from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence._solve import solve
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.observe._boxes import float_width_of
 from catfree.methods.evidence.report._blind_cameras import blind_camera_warnings
 from catfree.methods.evidence.report._lens_pattern import lens_bends, lens_warnings
 from catfree.methods.evidence.report._ray_diagnostics import ray_diagnostics
+from catfree.methods.evidence.report._reported import Reported, tracks_of
 from catfree.methods.evidence.report._residual_patterns import residual_patterns
 from catfree.methods.paper._assemble import summarize
 from catfree.settings import EvidenceSettings
-from catfree.types import (
-    Candidates,
-    Detections,
-    Fate,
-    Localization,
-    Origin,
-    Scene,
-    Thresholds,
-    Tracks,
-)
+from catfree.types import Candidates, Detections, Fate, Localization, Scene, Thresholds
 from catfree.types._annotations import Progress
 
 GROUND_TOLERANCE = 0.15  # of a person's height, by which feet may be off the ground unmentioned
@@ -137,26 +129,13 @@ def describe(
         patterns = residual_patterns(s)
     members = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
     support = np.where(is_detected[:, None], members[group], -1)
-    covariance = symmetrized(s.position_covariance[rows]) * unit**2
-    mean = s.trails.mean[rows]
-    xy = mean[:, :2] * unit + s.views.origin
+    reported = Reported(
+        s.boxes.frames[s.trails.frame[rows]], s.identity[rows], s.trails.mean[rows],
+        s.trails.covariance[rows], s.position_covariance[rows], s.probability[rows], support,
+        np.column_stack([s.design_sigma[rows], s.whole_views[rows]]),
+    )  # fmt: skip
     pace = unit / s.boxes.step
-    tracks = Tracks(
-        frame=s.boxes.frames[s.trails.frame[rows]],
-        track_id=s.identity[rows],
-        position=from_plan(scene, xy),
-        ground_xy=xy,
-        sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
-        covariance=covariance,
-        supporting_cameras=(support >= 0).sum(1),
-        origin=np.where(is_detected, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
-        existence=s.probability[rows],
-        support=support,
-        velocity=mean[:, 3:] * pace,
-        velocity_covariance=symmetrized(s.trails.covariance[rows, 3:, 3:]) * pace**2,
-        design_sigma=s.design_sigma[rows] * unit,
-        whole_views=s.whole_views[rows],
-    ).renumbered()
+    tracks = tracks_of(reported, scene, s.views.origin, unit, pace).renumbered()
     fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
     present = np.flatnonzero((s.trails.group >= 0) & (s.fate != Fate.TRACKING))
     fate[s.trails.group[present]] = s.fate[present]

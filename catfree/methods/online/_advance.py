@@ -1,6 +1,7 @@
 """One instant: group its boxes with the tracks before it, and update these."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -96,24 +97,22 @@ def advance(
         looks = no_looks(len(groups), state.heads.look.shape[1])
         population = population._replace(looks=looks)
     node, followed, tracks = link(heads, info, rows, int(state.tracks), population)
-    hit = node.group >= 0
-    hit_groups = node.group[hit]
+
+    def of_tracks(values: Any, absent: int = 0) -> np.ndarray:
+        """Values of the group of each track; in a gap, whose group is -1, a row of `absent`."""
+        columns = ((0, 0),) * (values.ndim - 1)
+        return np.pad(values, ((0, 1), *columns), constant_values=absent)[node.group]
+
     trails = node.trails
     around = expected_views(trails.mean[:, :3], trails.frame, boxes, views, settings)
     evidence = evidence_of_rows(trails, now, settings)
     forward, weight = _carry(state, node.track, evidence, settings)
     shift = ground_shift(trails, groups, now.measurements, boxes.view, views, noise, settings)
-    member = np.full((len(hit), len(learned.active)), -1)
-    member[hit] = groups.member[hit_groups]
-    matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))
-    matrix[hit], vector[hit] = groups.info.matrix[hit_groups], groups.info.vector[hit_groups]
-    look, count = np.zeros((len(hit), looks.total.shape[1])), np.zeros(len(hit), np.int64)
-    look[hit], count[hit] = looks.total[hit_groups], looks.count[hit_groups]
     current = PendingInstant(
         time=np.array(time),
-        node=node._replace(group=np.where(hit, np.arange(len(hit)), -1)),
-        matrix=matrix,
-        vector=vector,
+        node=node._replace(group=np.where(node.group >= 0, np.arange(len(node.group)), -1)),
+        matrix=of_tracks(groups.info.matrix),
+        vector=of_tracks(groups.info.vector),
         evidence=evidence,
         forward=forward,
         weight=weight,
@@ -121,9 +120,9 @@ def advance(
         place=np.column_stack(
             [design_sigma(node.mean[:, :3], around, views, noise), whole_views(around, settings)]
         ),
-        support=np.where(member >= 0, boxes.row[member], -1) if len(boxes.row) else member,
-        look=look,
-        boxes=count,
+        support=np.append(boxes.row, -1)[of_tracks(groups.member, -1)],
+        look=of_tracks(looks.total),
+        boxes=of_tracks(looks.count),
     )
 
     learned = forgetting(learned)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -10,6 +9,7 @@ from scipy.special import expit
 
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._appearance import Looks
+from catfree.methods.evidence.report._reported import Reported, no_rows
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._uneven_ground import usual_shift
 from catfree.methods.evidence.report._working_area import UsualPlace
@@ -34,35 +34,12 @@ from catfree.methods.evidence.track._tracking import (
 )
 from catfree.methods.online._advance import usual_steps
 from catfree.methods.online._learn import learn_places, likeness_of
-from catfree.methods.online._tracker_state import Learned, PendingInstant, TrackerState
+from catfree.methods.online._tracker_state import TICKS, Learned, PendingInstant, TrackerState
 from catfree.methods.online._update import Event
 from catfree.settings import EvidenceSettings
 
 # Prior counts, as of rare cases already seen: came or left, reported, hid; and frames hidden.
 USUAL_HABITS = np.array([4.0, 200.0, 4.0, 12.0])
-
-
-class Reported(NamedTuple):
-    """Rows to report, in H0 on the plane: n of them.
-
-    Attributes:
-        time: () seconds.
-        identity: (n,) who it is.
-        mean, covariance: (n, 5) and (n, 5, 5) of the state.
-        position_covariance: (n, 2, 2) with sway and uneven ground.
-        existence: (n,) probability.
-        support: (n, C) rows of the caller's detections, or -1.
-        place: (n, 2) as `PendingInstant.place`.
-    """
-
-    time: float
-    identity: Int[np.ndarray, " n"]
-    mean: Float[np.ndarray, "n 5"]
-    covariance: Float[np.ndarray, "n 5 5"]
-    position_covariance: Float[np.ndarray, "n 2 2"]
-    existence: Float[np.ndarray, " n"]
-    support: Int[np.ndarray, "n cam"]
-    place: Float[np.ndarray, "n 2"]
 
 
 def provisional(
@@ -81,8 +58,9 @@ def provisional(
     state = learn_places(state, places, settings)
     rows = np.flatnonzero(alone & _in_working_area(instant.place, state.learned, settings))
     return state, Reported(
-        float(instant.time), node.track[rows], node.mean[rows], node.covariance[rows],
-        spread[rows], probability[rows], instant.support[rows], instant.place[rows],
+        TICKS.frame_at(np.full(len(rows), instant.time)), node.track[rows],
+        node.mean[rows], node.covariance[rows], spread[rows], probability[rows],
+        instant.support[rows], instant.place[rows],
     )  # fmt: skip
 
 
@@ -132,7 +110,7 @@ def _named(
 
 def finalize(
     state: TrackerState, settings: EvidenceSettings, ready: int
-) -> tuple[TrackerState, list[Reported], list[Event]]:
+) -> tuple[TrackerState, Reported, list[Event]]:
     """Make the first instants of the window final.
 
     Args:
@@ -144,7 +122,7 @@ def finalize(
         The state without these instants, their rows, and events.
     """
     if ready == 0:
-        return state, [], []
+        return state, no_rows(len(state.learned.active)), []
     window, learned = state.window, state.learned
     motion, noise = motion_of(learned.steps, settings), learned.noise
     spread = float(noise.spread)
@@ -183,19 +161,21 @@ def finalize(
     extra = covariance - trails.covariance[:, :2, :2]
     walk = replace(motion, memory=motion.memory**settings.sudden)
     population = Population(time, walk, float(noise.density), spread, settings, looks)
-    out, events = [], []
+    identity, events = np.full(len(trails), -1), []
     for t in range(ready):
-        rows = np.flatnonzero(reported & (trails.frame == t))
-        state, names, merged = _identify(
+        now = reported & (trails.frame == t)
+        state, identity[now], merged = _identify(
             state, float(window[t].time), trails, t, reported, extra, info, population
         )
         events += merged
         state = replace(state, final_time=window[t].time)
-        out.append(Reported(
-            float(window[t].time), names, trails.mean[rows], trails.covariance[rows],
-            covariance[rows], probability[rows], support[rows], place[rows],
-        ))  # fmt: skip
-    return replace(state, window=window[ready:]), out, events
+    rows = np.flatnonzero(reported & oldest)
+    frame = TICKS.frame_at(np.array([i.time for i in window]))[trails.frame[rows]]
+    final = Reported(
+        frame, identity[rows], trails.mean[rows], trails.covariance[rows], covariance[rows],
+        probability[rows], support[rows], place[rows],
+    )  # fmt: skip
+    return replace(state, window=window[ready:]), final, events
 
 
 def _identify(
@@ -228,7 +208,7 @@ def _identify(
     linked = past_of[chain[frame_nodes]]
     numbers = track[chain[frame_nodes]]
     previous = _identity_of(state, numbers)
-    names = np.where(linked >= 0, pasts.name[linked] if len(pasts.name) else -1, -1)
+    names = np.append(pasts.name, -1)[linked]
     # A track that continues no past keeps its own identity, unless a past has that one.
     free = (linked < 0) & (previous >= 0) & ~np.isin(previous, pasts.name)
     names[free] = previous[free]

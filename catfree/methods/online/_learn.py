@@ -8,10 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.errors import InsufficientDataError
-from catfree.methods.evidence.group._appearance import (
-    Likeness,
-    learn_ratios,
-)
+from catfree.methods.evidence.group._appearance import Likeness, learn_ratios
 from catfree.methods.evidence.learn._self_calibration import self_calibrate
 from catfree.methods.evidence.passes._group_boxes import group_boxes
 from catfree.methods.evidence.passes._observe_boxes import observe_boxes

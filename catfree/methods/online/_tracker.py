@@ -1,7 +1,7 @@
 """`Tracker`: people on the ground while the video runs."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -10,28 +10,22 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree.errors import InvalidInputError, quoted
-from catfree.geometry._plane import from_plan, to_plan
+from catfree.geometry._plane import to_plan
 from catfree.methods._localize import localize, usable
-from catfree.methods.evidence._gaussian import symmetrized
 from catfree.methods.evidence.observe._boxes import float_width_of
+from catfree.methods.evidence.report._reported import Reported, no_rows, tracks_of
 from catfree.methods.online._advance import advance
 from catfree.methods.online._finalize import (
-    Reported,
     finalize,
     forget_ended_tracks,
     provisional,
     with_identities,
 )
-from catfree.methods.online._learn import (
-    add_to_sample,
-    is_due,
-    learn_noise_and_unit,
-    learn_step,
-)
-from catfree.methods.online._tracker_state import TrackerState, new_state, no_boxes
+from catfree.methods.online._learn import add_to_sample, is_due, learn_noise_and_unit, learn_step
+from catfree.methods.online._tracker_state import TICKS, TrackerState, new_state, no_boxes
 from catfree.methods.online._update import Update
 from catfree.settings import Settings
-from catfree.types import Clock, Detections, Origin, Scene, Tracks
+from catfree.types import Clock, Detections, Scene, Tracks
 from catfree.types._clock import ABSOLUTE
 from catfree.types._detections import concatenate_common
 from catfree.types._processes import require_own_process
@@ -44,7 +38,6 @@ from catfree.types._validation import (
     require_known_cameras,
 )
 
-MICROSECONDS = 1_000_000  # frame numbers per second
 Cameras = Iterable[int] | Int[np.ndarray, " cam"]
 
 
@@ -127,20 +120,20 @@ class Tracker:
             )
         silent = self._silent(detections, cameras)
         usable_rows = np.flatnonzero(usable(detections, self.scene, self.settings))
-        boxes = _at(detections, usable_rows, 0)
+        boxes = _copied(detections, usable_rows, 0)
         settings = self.settings.evidence
         with float_width_of(detections.box):
             state = learn_step(state, time)
             state = add_to_sample(state, boxes, silent, settings)
             if is_due(int(state.count) + 1) or np.isnan(state.learned.unit):
                 state = learn_noise_and_unit(state, self.scene, settings)
-            now = []
+            current = no_rows(self.scene.rig.camera_count)
             if not np.isnan(state.learned.unit):
                 state, instant = advance(state, boxes, time, silent, self.scene, settings)
-                support = np.where(instant.support >= 0, _take(usable_rows, instant.support), -1)
+                support = np.append(usable_rows, -1)[instant.support]
                 instant = instant._replace(support=support)
-                state, reported = provisional(state, instant, settings)
-                state, now = replace(state, window=(*state.window, instant)), [reported]
+                state, current = provisional(state, instant, settings)
+                state = replace(state, window=(*state.window, instant))
             state = replace(state, count=np.asarray(state.count + 1), time=np.array(time))
             # Sums of decimal fractions are not exact.
             final_until = time - self.lag + 1e-6
@@ -149,11 +142,9 @@ class Tracker:
                 state = self._record(state, detections, time, silent)
             ready = sum(float(i.time) <= final_until for i in state.window)
             state, final, events = finalize(state, settings, ready)
-            if now:
-                state, reported = with_identities(state, now[0])
-                now = [reported]
+            state, current = with_identities(state, current)
             self._state = forget_ended_tracks(state)
-        current, final = self._tracks(now, time), self._tracks(final, time)
+        current, final = self._tracks(current, time), self._tracks(final, time)
         return Update(current, final, tuple(events), final_until)
 
     def finish(self) -> Update:
@@ -169,7 +160,8 @@ class Tracker:
         if state.recording and not state.finished:
             tracks = self._localized(state)
         self._state = replace(state, finished=np.array(True))
-        return Update(self._tracks([], time), tracks, tuple(events), time)
+        nobody = self._tracks(no_rows(self.scene.rig.camera_count), time)
+        return Update(nobody, tracks, tuple(events), time)
 
     def reset(self, *, keep_learned: bool = False) -> None:
         """Begin a new stream, whose times may start anywhere.
@@ -242,85 +234,38 @@ class Tracker:
         rows = np.column_stack([np.full(len(silent), frame), silent])
         return replace(
             state,
-            recording=(*state.recording, _at(detections, np.arange(len(detections)), frame)),
+            recording=(*state.recording, _copied(detections, slice(None), frame)),
             silent=np.concatenate([state.silent, rows]),
         )
 
     def _localized(self, state: TrackerState) -> Tracks:
         """Return the tracks that `localize` finds in all boxes."""
-        boxes = concatenate_common(state.recording)
-        clock = _clock(float(state.time))
-        boxes = Detections(**(vars(boxes) | {"clock": clock}))
+        boxes = replace(concatenate_common(state.recording), clock=_clock(float(state.time)))
         tracks = localize(boxes, self.scene, self.settings, silent=state.silent).tracks
         # Rows of the detections of each instant, not of all.
-        first = np.concatenate([np.zeros(len(part), np.int64) for part in state.recording])
-        begin = np.cumsum([0, *map(len, state.recording)])
-        for part, start in zip(state.recording, begin, strict=False):
-            first[start : start + len(part)] = start
-        support = np.where(tracks.support >= 0, tracks.support - _take(first, tracks.support), -1)
-        return replace(tracks, support=support)
+        rows = np.concatenate([np.arange(len(part)) for part in state.recording])
+        return replace(tracks, support=np.append(rows, -1)[tracks.support])
 
-    def _tracks(self, parts: Sequence[Reported], time: float) -> Tracks:
-        """Convert to the frame and units of the scene."""
+    def _tracks(self, rows: Reported, time: float) -> Tracks:
+        """Convert to the frame and units of the scene, sorted by frame and identity."""
         scene, learned = self.scene, self._state.learned
-        cameras = scene.rig.camera_count
-
-        rows = np.array([len(p.identity) for p in parts], np.int64)
-        frame = np.repeat(np.array([_frame(p.time) for p in parts], np.int64), rows)
-        identity = np.concatenate([np.zeros(0, np.int64), *(p.identity for p in parts)])
-        order = np.lexsort((identity, frame))
-
-        def column(name: str, *shape: int) -> np.ndarray:
-            values = [getattr(p, name) for p in parts] or [np.zeros((0, *shape))]
-            return np.concatenate(values)[order]
-
-        unit = float(np.nan_to_num(learned.unit, nan=1.0))
-        pace = unit / float(np.nan_to_num(learned.step, nan=1.0)) / MICROSECONDS
-        mean, spread = column("mean", 5), column("covariance", 5, 5)
-        covariance = symmetrized(column("position_covariance", 2, 2)) * unit**2
-        support = column("support", cameras).astype(np.int64)
-        place = column("place", 2)
         registered = np.asarray(scene.rig.registered)
         origin = to_plan(scene, np.asarray(scene.rig.centers)[registered]).mean(0)
-        xy = mean[:, :2] * unit + origin
-        detected = (support >= 0).any(1)
-        return Tracks(
-            frame=frame[order],
-            track_id=identity[order],
-            position=from_plan(scene, xy),
-            ground_xy=xy,
-            sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
-            covariance=covariance,
-            supporting_cameras=(support >= 0).sum(1),
-            origin=np.where(detected, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
-            existence=column("existence"),
-            support=support,
-            velocity=mean[:, 3:] * pace,
-            velocity_covariance=symmetrized(spread[:, 3:, 3:]) * pace**2,
-            clock=_clock(time),
-            design_sigma=place[:, 0] * unit,
-            whole_views=place[:, 1].astype(np.int64),
-        )
+        unit = float(np.nan_to_num(learned.unit, nan=1.0))
+        pace = unit / float(np.nan_to_num(learned.step, nan=1.0)) / TICKS.frame_rate
+        tracks = tracks_of(rows, scene, origin, unit, pace, _clock(time))
+        return tracks[np.lexsort((tracks.track_id, tracks.frame))]
 
 
 def _frame(time: float) -> int:
-    return int(Clock(MICROSECONDS).frame_at(time))
+    return int(TICKS.frame_at(time))
 
 
 def _clock(time: float) -> Clock:
-    return Clock(MICROSECONDS, utc=abs(time) > ABSOLUTE)
+    return replace(TICKS, utc=abs(time) > ABSOLUTE)
 
 
-def _take(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Values at rows, and any value at -1."""
-    return values[rows] if len(values) else rows
-
-
-def _at(detections: Detections, rows: Int[np.ndarray, " k"], frame: int) -> Detections:
-    """Some of the boxes, in one frame, without a clock."""
-    columns: dict[str, Any] = {
-        name: None if value is None else value[rows]
-        for name, value in vars(detections).items()
-        if name not in ("frame", "clock")
-    }
-    return Detections(frame=np.full(len(rows), frame, np.int64), **columns)
+def _copied(detections: Detections, rows: Any, frame: int) -> Detections:
+    """Copy some of the boxes into one frame, without a clock."""
+    boxes = detections[rows]
+    return replace(boxes, frame=np.full(len(boxes), frame), clock=None)

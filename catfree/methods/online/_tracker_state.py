@@ -15,11 +15,12 @@ from catfree.methods.evidence.track._pasts import Pasts, no_pasts
 from catfree.methods.evidence.track._tracking import Node
 from catfree.methods.online._sound_state import require_sound_arrays
 from catfree.settings import EvidenceSettings
-from catfree.types import Detections
+from catfree.types import Clock, Detections
 from catfree.types._archive import load_arrays, save_arrays
 from catfree.types._validation import as_count
 
 M = TypeVar("M", Pasts, Node)
+TICKS = Clock(1_000_000)  # microseconds: the frame numbers of what a tracker reports
 _SIZES = ("cameras", "window", "recording")  # numbers of each in a file
 
 

@@ -1,0 +1,83 @@
+"""Rows to report, and the tracks that they are in the frame and units of the scene."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.geometry._plane import from_plan
+from catfree.methods.evidence._gaussian import symmetrized
+from catfree.types import Clock, Origin, Scene, Tracks
+
+
+class Reported(NamedTuple):
+    """Rows to report, in H0 on the plane: n of them.
+
+    Attributes:
+        frame: (n,) of the result.
+        identity: (n,) who it is.
+        mean, covariance: (n, 5) and (n, 5, 5) of the state.
+        position_covariance: (n, 2, 2) with sway, uneven ground and pose errors.
+        existence: (n,) probability.
+        support: (n, C) rows of the caller's detections, or -1.
+        place: (n, 2) design uncertainty, and number of whole views.
+    """
+
+    frame: Int[np.ndarray, " n"]
+    identity: Int[np.ndarray, " n"]
+    mean: Float[np.ndarray, "n 5"]
+    covariance: Float[np.ndarray, "n 5 5"]
+    position_covariance: Float[np.ndarray, "n 2 2"]
+    existence: Float[np.ndarray, " n"]
+    support: Int[np.ndarray, "n cam"]
+    place: Float[np.ndarray, "n 2"]
+
+
+def no_rows(cameras: int) -> Reported:
+    """Nothing to report."""
+    none, five, square = np.zeros(0), np.zeros((0, 5)), np.zeros((0, 5, 5))
+    integers = np.zeros(0, np.int64)
+    return Reported(
+        integers, integers, five, square, square[:, :2, :2], none,
+        np.zeros((0, cameras), np.int64), five[:, :2],
+    )  # fmt: skip
+
+
+def tracks_of(
+    rows: Reported,
+    scene: Scene,
+    origin: Float[np.ndarray, "2"],
+    unit: float,
+    pace: float,
+    clock: Clock | None = None,
+) -> Tracks:
+    """Convert rows to the frame and units of the scene.
+
+    Args:
+        rows: what to report.
+        scene: rig and ground.
+        origin: (2,) of the rows, in plane coordinates of the scene.
+        unit: H0 in scene units.
+        pace: H0 per step, in scene units per frame of the result.
+        clock: of the result.
+    """
+    xy = rows.mean[:, :2] * unit + origin
+    covariance = symmetrized(rows.position_covariance) * unit**2
+    cameras = (rows.support >= 0).sum(1)
+    return Tracks(
+        frame=rows.frame,
+        track_id=rows.identity,
+        position=from_plan(scene, xy),
+        ground_xy=xy,
+        sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
+        covariance=covariance,
+        supporting_cameras=cameras,
+        origin=np.where(cameras > 0, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
+        existence=rows.existence,
+        support=rows.support,
+        velocity=rows.mean[:, 3:] * pace,
+        velocity_covariance=symmetrized(rows.covariance[:, 3:, 3:]) * pace**2,
+        clock=clock,
+        design_sigma=rows.place[:, 0] * unit,
+        whole_views=rows.place[:, 1].astype(np.int64),
+    )
