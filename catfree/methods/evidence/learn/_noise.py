@@ -25,7 +25,10 @@ SPACING = STEP / 6  # of the lattice that measures this area: a few percent erro
 
 
 def median_height(boxes: Boxes, views: GroundViews) -> float:
-    """Median height implied by whole boxes, in units of the views' H0; NaN if there are none."""
+    """Median height implied by whole boxes, in units of the views' H0; NaN if there are none.
+
+    The bottom of a box counts as below the body: where the visible foot is depends on the height.
+    """
     matrix, inverse = views.matrix[boxes.view], views.ground_inverse[boxes.view]
     place = drop_to_height(inverse, boxes.edges[:, [0, 2]])
     height = height_at(matrix, place, boxes.edges[:, 1])

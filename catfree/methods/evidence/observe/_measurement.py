@@ -180,7 +180,7 @@ def implied_person(
     station: Float[HostOrDevice, "2"],
     edges: Float[HostOrDevice, "3"],
 ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-    """Foot position and height of a person whose box has exactly these edges."""
+    """Position and height of a person whose box has exactly these edges."""
 
     def stand(column: Float[Array, ""]) -> Float[Array, "2"]:
         foot = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
