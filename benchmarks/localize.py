@@ -7,7 +7,7 @@ machine. The paper's implementation takes 135 s from detection through tracking 
 
 import argparse
 import os
-import resource
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -15,7 +15,9 @@ import time
 
 import numpy as np
 
+import catfree as cf
 from catfree._worker import QUICK_COMPILATION
+from catfree.synthetic import make_world
 
 MATRICES = 200_000  # the yardstick: 3 x 3 matrices that NumPy inverts
 COLD = """
@@ -28,6 +30,17 @@ begin = time.perf_counter()
 cf.localize(world.detections, world.scene, cf.Settings(method="{method}"))
 now = time.perf_counter()
 print(len(world.detections), now - begin, now - start)
+"""
+
+
+MEMORY = """
+import pickle, sys
+from pathlib import Path
+import catfree as cf
+detections, scene = pickle.load(sys.stdin.buffer)
+cf.localize(detections, scene, cf.Settings(method="{method}"))
+status = dict(line.split(":") for line in Path("/proc/self/status").read_text().splitlines())
+print(int(status["VmHWM"].split()[0]) / 1024)
 """
 
 
@@ -59,13 +72,21 @@ def cold(
     return int(count), float(first), float(total)
 
 
+def peak_memory(detections: cf.Detections, scene: cf.Scene, method: str) -> float:
+    """Most memory, in MiB, of a new process that holds these boxes and localizes people once."""
+    result = subprocess.run(
+        [sys.executable, "-c", MEMORY.format(method=method)],
+        input=pickle.dumps((detections, scene)),
+        capture_output=True,
+        check=True,
+    )
+    return float(result.stdout)
+
+
 def warm(
     frames: int, people: int, background: int, method: str, repeats: int
-) -> tuple[int, float, dict[str, float]]:
-    """Detections, median seconds of `localize`, and the seconds of its stages."""
-    import catfree as cf
-    from catfree.synthetic import make_world
-
+) -> tuple[int, float, dict[str, float], float]:
+    """Detections, median seconds of `localize`, the seconds of its stages, and MiB of memory."""
     world = make_world("wildtrack", 1, frames=frames, people=people, background=background)
     settings = cf.Settings(method=method)
     cf.localize(world.detections, world.scene, settings)
@@ -87,11 +108,12 @@ def warm(
         len(world.detections),
         float(np.median(seconds)),
         {stage: sum(times) / repeats for stage, times in stages.items()},
+        peak_memory(world.detections, world.scene, method),
     )
 
 
 def main() -> None:
-    """Print cold and warm times, the growth with frames, and the memory."""
+    """Print cold and warm times, the growth with frames, and the memory per size."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--people", type=int, default=30)
     parser.add_argument("--background", type=int, default=20)
@@ -113,8 +135,7 @@ def main() -> None:
     print(f"with compiled functions kept: localize {first:.2f} s, all {total:.2f} s")
     base = None
     for frames in options.frames:
-        count, seconds, stages = warm(frames, *crowd, options.repeats)
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        count, seconds, stages, memory = warm(frames, *crowd, options.repeats)
         base = base or seconds / frames
         each = ", ".join(f"{stage} {part:.2f}" for stage, part in stages.items())
         print(

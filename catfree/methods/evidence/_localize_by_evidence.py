@@ -123,10 +123,14 @@ def describe(
     rows = np.flatnonzero(s.kept)
     group = s.trails.group[rows]
     is_detected = group >= 0
+    fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
+    present = np.flatnonzero((s.trails.group >= 0) & (s.fate != Fate.TRACKING))
+    fate[s.trails.group[present]] = s.fate[present]
     with float_width_of(s.boxes.box):  # before the results take memory
         rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
         bend = lens_bends(group[is_detected], s)
         patterns = residual_patterns(s)
+    precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
     members = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
     support = np.where(is_detected[:, None], members[group], -1)
     reported = Reported(
@@ -136,9 +140,6 @@ def describe(
     )  # fmt: skip
     pace = unit / s.boxes.step
     tracks = tracks_of(reported, scene, s.views.origin, unit, pace).renumbered()
-    fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
-    present = np.flatnonzero((s.trails.group >= 0) & (s.fate != Fate.TRACKING))
-    fate[s.trails.group[present]] = s.fate[present]
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
         position=from_plan(scene, s.place[:, :2] * unit + s.views.origin),
@@ -150,7 +151,6 @@ def describe(
         fate=fate,
     )
     radius = settings.report_radius * unit
-    precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
     height = rays.ground_height(fate == Fate.ACCEPTED) * unit
     reliability = replace(
         summarize(tracks, candidates, len(s.boxes.row), radius),
