@@ -25,6 +25,8 @@ OPTIONS = {
     "nothing. Pass frame_rate": "nothing. Give --frame-rate, or in a file of sites frame_rate",
     "pass its unit to cf.read_scene": "give its --unit",
     "Pass a detector": "Give --detector, a detector",
+    "Pass the size (width, height) of": "Give --image-size, the width and height of",
+    "one row per camera if they differ": "or COCO files, which state it, if cameras differ",
     "cf.run_shard": "catfree shard",
     "again with cf.shards": "again with catfree plan",
     "cf.viz.plot_heat_map draws it": "The picture is written beside it",

@@ -153,6 +153,10 @@ def test_cameras_from_boxes(world, boxes, tmp_path, capsys):
     words = ["calibrate", str(boxes), "--out", str(out)]
     assert cli.main(words) == 1
     assert "sizes of the images are needed: give --image-size" in sentence_after_table(capsys)
+    assert cli.main([*words, "--image-size", "400", "300"]) == 1
+    said = sentence_after_table(capsys)
+    assert "outside its image of 400 x 300 px. Give --image-size" in said
+    assert said.endswith("found in, or COCO files, which state it, if cameras differ.")
     assert cli.main([*words, "--image-size", *map(str, SIZE)]) == 0
     scene, names = read_scene(out)
     assert names == tuple(sorted(NAMES))

@@ -92,7 +92,9 @@ def test_plan_then_shards_then_join(files, tmp_path, capsys):
     assert [(part.first, part.stop) for part in day.parts] == [(0, 30), (30, 60)]
     import pyarrow.dataset
 
-    assert pyarrow.dataset.dataset(out, format="parquet").count_rows() == len(day)
+    table = pyarrow.dataset.dataset(out, format="parquet")
+    assert table.count_rows() == len(day)
+    assert json.loads(table.schema.metadata[b"camera_names"]) == ["a", "b", "c", "d"]
     truth = tmp_path / "truth.csv"
     np.savetxt(truth, day.read().to_rows(), "%.6f", ",", header="frame,id,x,y", comments="")
     assert cli.main(["evaluate", str(out), str(truth)]) == 0

@@ -31,6 +31,7 @@ from catfree._run.sharded._receipt import (
 from catfree._run.sharded._run_shard import PLACES, ShardSummary
 from catfree._run.sharded._shard import Shard
 from catfree._run.sharded._stored_tracks import StoredTracks, open_tracks
+from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import (
     StrPath,
     require_folder,
@@ -97,7 +98,7 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
         _leave_earlier_plan(folder, read_plan(stored).shards, advice)
     receipts = read_receipts(folder)
     first = receipts[0]
-    require_scene_file(folder, first.scene_file)
+    _, camera_names = read_scene_json(require_scene_file(folder, first.scene_file))
     (folder / MANIFEST).unlink(missing_ok=True)  # it says that the table is complete
     summaries = [load_value(files_of(folder, r.index).fragments, ShardSummary) for r in receipts]
     matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]
@@ -106,7 +107,10 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
     )
     area = _learn_area(folder, receipts)
     numbers = np.full(int(identities.identity.max(initial=-1)) + 1, -1)
-    parts = [_write_joined(folder, receipt, identities, area, numbers) for receipt in receipts]
+    parts = [
+        _write_joined(folder, receipt, identities, area, numbers, camera_names)
+        for receipt in receipts
+    ]
     for stale in folder.glob("part-*.parquet"):
         if stale.name not in {part["file"] for part in parts}:
             stale.unlink()
@@ -244,7 +248,12 @@ def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
 
 
 def _write_joined(
-    folder: Path, receipt: Receipt, identities: Identities, area: Area | None, numbers: np.ndarray
+    folder: Path,
+    receipt: Receipt,
+    identities: Identities,
+    area: Area | None,
+    numbers: np.ndarray,
+    camera_names: Sequence[str],
 ) -> dict[str, Any]:
     """Write the positions that a shard reports with their identities in the recording.
 
@@ -255,6 +264,7 @@ def _write_joined(
         area: outside of which nobody is reported, or None.
         numbers: (K,) number of each identity in the table, -1 before it appears; those that appear
             in this shard are written to it.
+        camera_names: (C,) for the metadata.
     """
     files = files_of(folder, receipt.index)
     table = read_parquet(files.part, "positions of a shard")
@@ -280,6 +290,8 @@ def _write_joined(
     table = table.drop_columns(PLACES).take(rows[order])
     at = table.schema.get_field_index("track_id")
     table = table.set_column(at, table.schema.field(at), [number[order]])
+    metadata = {**table.schema.metadata, b"camera_names": json.dumps(camera_names)}
+    table = table.replace_schema_metadata(metadata)
     path = write_parquet(folder / files.part.name, table, compression="zstd")
     return {
         "file": path.name,

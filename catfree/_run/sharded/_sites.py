@@ -269,7 +269,7 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
     document = read_toml(source, "list of sites", largest=_LARGEST_LIST, dots=_MOST_DOTS)
 
     def place(value: Any, name: str) -> str:
-        return str(source.parent / _text(value, name))
+        return str(source.parent / os.path.expanduser(_text(value, name)))
 
     def places(value: Any, name: str) -> tuple[str, ...]:
         return tuple(place(one, name) for one in _list(value, name))

@@ -238,15 +238,7 @@ def _files_of(source: Path) -> list[Path]:
     if (source / RESULT_BOXES).is_file():
         return [source / RESULT_BOXES]
     if files_ending(source, [".parquet"]):
-        # Read as one table. Arrow leaves out names that begin like these.
-        files = (p for p in source.iterdir() if p.is_file() and not p.name.startswith((".", "_")))
-        other = min((p for p in files if p.suffix.lower() != ".parquet"), default=None)
-        if other is not None:
-            raise InvalidInputError(
-                f"The folder {source} holds Parquet tables and other files, such as {other.name}. "
-                "Name the file with the boxes, or a folder of the tables alone."
-            )
-        return [source]
+        return [source]  # read as one table
     folders = [path for path in source.glob("[!.]*") if path.is_dir()]
     for files in (
         [path for folder in folders if (path := folder / "det" / "det.txt").is_file()],

@@ -22,6 +22,7 @@ from catfree.types._validation import as_path
 Split = Literal["test", "train", "all"]
 COLUMNS = ("frame", "id", "x", "y")
 
+_FORM = f"ground truth is a CSV file with a header and the columns {', '.join(COLUMNS)}."
 _DETECTION_GATE, _TRACKING_GATE = 0.5, 1.0  # meters
 
 
@@ -83,6 +84,8 @@ def read_ground_truth(path: StrPath, split: Split = "test") -> GroundTruth:
         if not len(sequence.ground_truth):
             raise InvalidInputError(f"{source} holds no true positions (gt) to compare with.")
         return GroundTruth(sequence.ground_truth, sequence.frames, sequence.evaluation_area)
+    if source.suffix.lower() == ".parquet" and source.is_file():
+        raise FileFormatError(f"{source} is a Parquet table; {_FORM}")
     return GroundTruth(_read_csv(source))
 
 
@@ -150,10 +153,7 @@ def _read_csv(path: Path) -> np.ndarray:
     names = [identity if name == "id" else name for name in COLUMNS]
     missing = [name for name in names if name not in header]
     if missing:
-        raise FileFormatError(
-            f"{path} has no column {missing[0]!r}; ground truth is a CSV file with a header and "
-            f"the columns {', '.join(COLUMNS)}."
-        )
+        raise FileFormatError(f"{path} has no column {missing[0]!r}; {_FORM}")
     if not table.rows:
         raise FileFormatError(
             f"{path} has a header but no rows: there is no truth to compare with."

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from catfree.adapters.files._camera_names import files_ending
 from catfree.adapters.files._documents import StrPath, naming_file
 from catfree.adapters.tables._parquet import open_dataset, reading, values_of, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError
@@ -136,13 +137,22 @@ def open_detections_table(path: StrPath) -> Any:
 
     Raises:
         MissingDependencyError: if pyarrow is not installed.
-        InvalidInputError: if there is no such file or folder.
+        InvalidInputError: if there is no such file or folder, or other files are beside tables.
         FileFormatError: if it is not a table of detections.
     """
     require_pyarrow()
     source = as_path(path, "path")
     if not source.exists():
         raise InvalidInputError(f"There is no table of detections {source}. Check the path.")
+    if source.is_dir() and files_ending(source, [".parquet"]):
+        # Arrow leaves out names that begin like these.
+        files = (p for p in source.iterdir() if p.is_file() and not p.name.startswith((".", "_")))
+        other = min((p for p in files if p.suffix.lower() != ".parquet"), default=None)
+        if other is not None:
+            raise InvalidInputError(
+                f"The folder {source} holds Parquet tables and other files, such as {other.name}. "
+                "Name the file with the boxes, or a folder of the tables alone."
+            )
     with reading(source):
         opened = open_dataset(source)
         names = opened.schema.names

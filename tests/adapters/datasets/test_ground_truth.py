@@ -137,6 +137,16 @@ def test_truth_that_is_none_is_refused(text, sentence, tmp_path):
         read_ground_truth(truth)
 
 
+def test_a_table_of_parquet_is_no_truth(tmp_path):
+    truth = tmp_path / "tracks.parquet"
+    with pytest.raises(InvalidInputError, match="There is no file"):
+        read_ground_truth(truth)
+    truth.write_bytes(b"PAR1\xe5")
+    sentence = r"tracks\.parquet is a Parquet table; ground truth is a CSV file with a header"
+    with pytest.raises(FileFormatError, match=sentence):
+        read_ground_truth(truth)
+
+
 @pytest.mark.slow
 def test_the_published_sample_of_multiviewx(shared):
     folder = shared / "data" / "real" / "multiviewx_demo10_original"

@@ -72,6 +72,15 @@ def test_a_folder_of_tables_is_one_table(tmp_path):
     assert_equal(read_detections_parquet(tmp_path), whole)
 
 
+def test_other_files_beside_tables_are_named(tmp_path):
+    write_detections_parquet(tmp_path / "a.parquet", boxes(0, 30, 10, 3, True, Clock(5.0)))
+    (tmp_path / "_SUCCESS").touch()
+    assert len(read_detections_parquet(tmp_path)) == 30
+    (tmp_path / "notes.md").touch()
+    with pytest.raises(InvalidInputError, match=r"other files, such as notes\.md\. Name the file"):
+        read_detections_parquet(tmp_path)
+
+
 def test_lists_of_one_length_are_vectors(tmp_path):
     import pyarrow
     import pyarrow.parquet

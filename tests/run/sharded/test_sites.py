@@ -189,6 +189,19 @@ def test_the_documented_list_can_be_read(tmp_path):
     assert set(options) == {"every", "overlap", "method", "detector", "embedder"}
 
 
+def test_paths_may_begin_with_the_home_directory(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    path = tmp_path / "sites.toml"
+    path.write_text(
+        "detector = '~/a.onnx'\n[[site]]\nname = 'a'\nvideos = ['~/b.mp4', 'c.mp4']\nscene = '~/d'"
+    )
+    (site,), options = read_sites(path)
+    home = tmp_path / "home"
+    assert options == {"detector": str(home / "a.onnx")}
+    assert site.recording == (str(home / "b.mp4"), str(tmp_path / "c.mp4"))
+    assert site.scene == str(home / "d")
+
+
 def test_a_list_that_is_not_there(tmp_path):
     with pytest.raises(InvalidInputError, match=r"^There is no file .*sites\.toml"):
         read_sites(tmp_path / "sites.toml")
