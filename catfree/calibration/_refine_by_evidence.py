@@ -15,7 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from catfree.calibration._adjusted_cameras import with_registered
 from catfree.calibration._bundle_adjustment import CENTER_SD, FOCAL_SD, ROTATION_SD
-from catfree.calibration._confident_people import ConfidentPeople, confident_people
+from catfree.calibration._confident_people import (
+    ConfidentPeople,
+    confident_people,
+    well_seen,
+)
 from catfree.calibration._refinement import CAMERAS, MOST_FRAMES, SAME_RESIDUAL, STEPS, Refinement
 from catfree.calibration.people._correspondences import adjust_groups
 from catfree.calibration.people._radial_lens import ideal_pixels
@@ -163,12 +167,10 @@ def _people_of_paper(
     """
     groups, _, _ = associate_in_two_passes(observations, judged.rays, settings)
     member = np.where(groups >= 0, observations.row[groups], -1)
-    cameras = int((member >= 0).any(0).sum())
-    fewest = max(CAMERAS, -(-cameras // 2))
     rules = settings.calibration
     sd = edge_deviation(detections.height, rules.relative_sd, rules.pixel_sd)
     return judged.people._replace(
-        member=member[(member >= 0).sum(1) >= fewest], box_sd=np.repeat(sd[:, None], 3, axis=1)
+        member=member[well_seen(member)], box_sd=np.repeat(sd[:, None], 3, axis=1)
     )
 
 
