@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import PairRatios, looks_of, no_looks
-from catfree.methods.evidence.group._groups import Groups, Priors, no_groups, no_priors
+from catfree.methods.evidence.group._groups import Groups, no_groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
 from catfree.methods.evidence.observe._views import GroundViews
@@ -38,7 +38,6 @@ class EvidenceState(eqx.Module):
     Attributes:
         boxes, views, noise, measurements: the boxes, their cameras, noise and likelihoods.
         ratios: compares the embeddings of boxes; None if they do not tell people apart.
-        priors: where tracks expect people, until their boxes are grouped.
         groups: boxes of one person in one frame.
         place: (H, 3) position and height of each group.
         rate: how often each camera detects a person in view.
@@ -60,7 +59,6 @@ class EvidenceState(eqx.Module):
     noise: Noise
     measurements: Measurements
     ratios: PairRatios | None
-    priors: Priors
     groups: Groups
     place: Float[np.ndarray, "group 3"]
     rate: DetectionRate
@@ -110,7 +108,6 @@ def first_state(
         noise=noise,
         measurements=measurements,
         ratios=None,
-        priors=no_priors(),
         groups=no_groups(cameras),
         place=np.zeros((0, 3)),
         rate=rate_before_counting(heights, settings),

@@ -84,7 +84,7 @@ def advance(
     heads = predict(state.heads, *transition(motion, step))
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
     priors = _priors(state, heads, density, spread, settings)
-    now = group_boxes(replace(now, motion=motion, rate=rate, priors=priors), settings)
+    now = group_boxes(replace(now, motion=motion, rate=rate), settings, priors)
     predicted = views_of_groups(now, settings)
     now = judge(now, predicted, settings, learned.clutter)
     boxes, views, groups, existence = now.boxes, now.views, now.groups, now.existence

@@ -63,11 +63,6 @@ def no_groups(cameras: int) -> Groups:
     return Groups(rows, np.zeros((0, cameras), np.int64), no_information(), np.zeros(0))
 
 
-def no_priors() -> Priors:
-    """Nobody is expected."""
-    return Priors(np.zeros(0, np.int64), no_information())
-
-
 def priors_of(
     frame: Int[np.ndarray, " prior"],
     precision: Float[np.ndarray, "prior 3 3"],
