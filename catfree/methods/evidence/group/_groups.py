@@ -86,50 +86,26 @@ def priors_of(
     return Priors(frame, replace(info, constant=2 * log_evidence(info, density, spread)))
 
 
-def collect_groups(
-    root: Int[np.ndarray, " item"],
-    items: Int[np.ndarray, " n"],
+def groups_of(
+    frame: Int[np.ndarray, " group"],
+    member: Int[np.ndarray, "group cam"],
     info: Information,
-    frame: Int[np.ndarray, " item"],
-    camera: Int[np.ndarray, " item"],
-    cameras: int,
     density: float,
     spread: float,
 ) -> Groups:
-    """Build groups from the representatives of items, and sum the information of their members.
+    """Sum the information of the boxes of each group.
 
     Args:
-        root: (N,) the item that represents each item's group.
-        items: (n,) the items to use.
-        info: (N) information of each item.
-        frame: (N,) frame index.
-        camera: (N,) camera index, C for a track prior.
-        cameras: C.
+        frame: (H,) frame index.
+        member: (H, C) rows of `info`, or -1.
+        info: (N) information of each box.
         density: people per H0².
         spread: standard deviation of heights in H0.
-
-    Returns:
-        Groups with at least one box, in the order of their representatives.
     """
-    boxes = items[camera[items] < cameras]
-    heads, index = np.unique(root[items], return_inverse=True)
-    # Items of tracks without boxes form no group.
-    has_box = np.bincount(index, camera[items] < cameras, len(heads)) > 0
-    index = (np.cumsum(has_box) - 1)[index]
-    keep = has_box[np.searchsorted(heads, root[items])]
-    items, index = items[keep], index[keep]
-    heads = heads[has_box]
-    H = len(heads)
-    member = np.full((H, cameras), -1)
-    group_of = np.full(len(root), -1)
-    group_of[items] = index
-    member[group_of[boxes], camera[boxes]] = boxes
-    box_info = _sum(info, member)
-    single = np.zeros(len(root))
-    single[items] = log_evidence(info[items], density, spread)
-    alone = np.where(member >= 0, single[np.maximum(member, 0)], 0.0).sum(1)
-    gain = log_evidence(box_info, density, spread) - alone
-    return Groups(frame[heads], member, box_info, gain)
+    total = _sum(info, member)
+    alone = np.zeros(member.shape)
+    alone[member >= 0] = log_evidence(info[member[member >= 0]], density, spread)
+    return Groups(frame, member, total, log_evidence(total, density, spread) - alone.sum(1))
 
 
 def _sum(info: Information, member: np.ndarray) -> Information:
