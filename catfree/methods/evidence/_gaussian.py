@@ -59,6 +59,15 @@ def with_height_prior(info: Information, spread: Any) -> tuple[Any, Any, Any]:
     return matrix, info.vector + precision * axis, info.constant + precision
 
 
+def _cofactors(matrix: Any) -> tuple[tuple[Any, ...], Any]:
+    """The cofactors 00, 01, 02, 11, 12, 22 of symmetric 3x3 matrices, and the determinant."""
+    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
+    d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]
+    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
+    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
+    return (A, B, C, D, E, F), a * A + b * B + c * C
+
+
 def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:
     """Determinant |M| and form v' M⁻¹ v of symmetric 3x3 matrices in closed form, for speed.
 
@@ -69,12 +78,8 @@ def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:
     Returns:
         (...) determinant and (...) quadratic form.
     """
-    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
-    d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]
+    (A, B, C, D, E, F), det = _cofactors(matrix)
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    det = a * A + b * B + c * C
     form = A * x * x + D * y * y + F * z * z + 2 * (B * x * y + C * x * z + E * y * z)
     return det, form / det
 
@@ -100,11 +105,7 @@ def log_evidence(info: Information, density: Any, spread: Any) -> Any:
 def invert_symmetric(matrix: Any) -> Any:
     """Invert symmetric 3x3 matrices in closed form; (..., 3, 3) -> (..., 3, 3)."""
     xp = np if isinstance(matrix, np.ndarray) else jnp
-    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
-    d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    det = a * A + b * B + c * C
+    (A, B, C, D, E, F), det = _cofactors(matrix)
     rows = [xp.stack(r, axis=-1) for r in ((A, B, C), (B, D, E), (C, E, F))]
     return xp.stack(rows, axis=-2) / det[..., None, None]
 
