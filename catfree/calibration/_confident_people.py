@@ -59,8 +59,7 @@ def confident_people(
     once = replace(settings, passes=min(settings.passes, 1))
     s = evidence.solve(detections, scene, once, finish=False)
     track = np.full(len(s.groups), -1)
-    kept = np.flatnonzero(s.kept & (s.trails.group >= 0))
-    track[s.trails.group[kept]] = s.identity[kept]
+    track[s.trails.group[s.shown]] = s.identity[s.shown]
     chosen = (track >= 0) & well_seen(s.groups.member) & (s.existence.log_odds > SURE)
     member, track, unit = s.groups.member[chosen], track[chosen], float(s.views.unit)
     box = member[member >= 0]

@@ -78,6 +78,11 @@ class EvidenceState(eqx.Module):
         """(M,) whether the row is reported."""
         return self.fate == Fate.ACCEPTED
 
+    @property
+    def shown(self) -> Int[np.ndarray, " k"]:
+        """(k,) the reported rows with boxes."""
+        return np.flatnonzero(self.kept & (self.trails.group >= 0))
+
     def population(self, settings: EvidenceSettings) -> Population:
         """What the state knows of all people and frames together."""
         density, spread = float(self.noise.density), float(self.noise.spread)
