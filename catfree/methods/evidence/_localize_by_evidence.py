@@ -85,7 +85,7 @@ def describe(
     is_detected = group >= 0
     with float_width_of(s.boxes.box):  # before the results take memory
         rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
-        bend = lens_bends(group[is_detected], s)
+        bend = lens_bends(s)
         patterns = residual_patterns(s)
     members = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
     support = np.where(is_detected[:, None], members[group], -1)
@@ -139,22 +139,21 @@ def ground_warnings(height: float, person_height: float, scene: Scene) -> tuple[
         person_height: in the same unit.
         scene: for the name of the unit.
     """
-    warnings = ()
+    warnings = []
     if scene.metric and not USUAL_HEIGHTS[0] <= person_height <= USUAL_HEIGHTS[1]:
-        warnings = (
+        warnings.append(
             f"People are {person_height:.2g} m tall in this scene, so its lengths are not in "
-            "meters: pass its unit to cf.read_scene, which may be arbitrary, or scale it.",
+            "meters: pass its unit to cf.read_scene, which may be arbitrary, or scale it."
         )
-    if not abs(height) > GROUND_TOLERANCE * person_height:
-        return warnings
-    unit = "m" if scene.metric else "units of the scene"
-    side = "above" if height > 0 else "below"
-    return (
-        *warnings,
-        f"The rays through people's feet meet {abs(height):.2g} {unit} {side} the ground plane: "
-        f"the plane is too {'low' if height > 0 else 'high'} or the cameras are off. Pass the "
-        "ground on which people stand, or refine the scene with `cf.refine`.",
-    )
+    if abs(height) > GROUND_TOLERANCE * person_height:
+        unit = "m" if scene.metric else "units of the scene"
+        side, level = ("above", "low") if height > 0 else ("below", "high")
+        warnings.append(
+            f"The rays through people's feet meet {abs(height):.2g} {unit} {side} the ground "
+            f"plane: the plane is too {level} or the cameras are off. Pass the ground on which "
+            "people stand, or refine the scene with `cf.refine`."
+        )
+    return tuple(warnings)
 
 
 def _expected_rates(
