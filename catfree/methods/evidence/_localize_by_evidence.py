@@ -92,7 +92,7 @@ def describe(
     reported = Reported(
         s.boxes.frames[s.trails.frame[rows]], s.identity[rows], s.trails.mean[rows],
         s.trails.covariance[rows], s.position_covariance[rows], s.probability[rows], support,
-        np.column_stack([s.design_sigma[rows], s.whole_views[rows]]),
+        s.coverage[rows],
     )  # fmt: skip
     pace = unit / s.boxes.step
     tracks = tracks_of(reported, scene, s.views.origin, unit, pace, detections.clock).renumbered()

@@ -46,10 +46,8 @@ class EvidenceState(eqx.Module):
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows.
         probability: (M,) that the person was present.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
-        design_sigma: (M,) ground uncertainty without occlusion, of reported rows and those outside
-            the working area; NaN of others.
-        whole_views: (M,) number of images with the whole body without occlusion, of the same rows;
-            0 of others.
+        coverage: (M, 2) ground uncertainty and number of images with the whole body, both without
+            occlusion, of reported rows and those outside the working area; NaN of others.
         fate: (M,) values of `Fate`: why a row is not reported, `TRACKING` where nobody is present.
         identity: (M,) who it is, of reported rows; -1 of others.
     """
@@ -68,8 +66,7 @@ class EvidenceState(eqx.Module):
     evidence: Float[np.ndarray, " node"]
     probability: Float[np.ndarray, " node"]
     position_covariance: Float[np.ndarray, "node 2 2"]
-    design_sigma: Float[np.ndarray, " node"]
-    whole_views: Int[np.ndarray, " node"]
+    coverage: Float[np.ndarray, "node 2"]
     fate: Int[np.ndarray, " node"]
     identity: Int[np.ndarray, " node"]
 
@@ -122,8 +119,7 @@ def first_state(
         evidence=numbers,
         probability=numbers,
         position_covariance=np.zeros((0, 2, 2)),
-        design_sigma=numbers,
-        whole_views=rows,
+        coverage=np.zeros((0, 2)),
         fate=rows,
         identity=rows,
     )
@@ -158,8 +154,7 @@ def with_tracks(
         evidence=evidence,
         probability=probability,
         position_covariance=trails.covariance[:, :2, :2],
-        design_sigma=np.full(len(trails), np.nan),
-        whole_views=np.zeros(len(trails), np.int64),
+        coverage=np.full((len(trails), 2), np.nan),
         fate=np.full(len(trails), Fate.TRACKING),
         identity=np.full(len(trails), -1),
     )

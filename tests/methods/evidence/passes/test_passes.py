@@ -32,10 +32,10 @@ CHANGED = {
     group_boxes: {
         *("groups", "place", "existence", "trails", "evidence", "probability"),
         # Of the rows of the tracks that are forgotten:
-        *("position_covariance", "design_sigma", "whole_views", "fate", "identity"),
+        *("position_covariance", "coverage", "fate", "identity"),
     },
     weigh_groups: {"rate", "existence"},
-    choose_reported: {"position_covariance", "design_sigma", "whole_views", "fate", "identity"},
+    choose_reported: {"position_covariance", "coverage", "fate", "identity"},
     name_people: {"identity"},
     add_pose_errors: {"position_covariance"},
 }
