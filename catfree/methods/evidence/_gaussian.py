@@ -46,11 +46,6 @@ class Information:
         return Information(self.matrix[rows], self.vector[rows], self.constant[rows])
 
 
-def no_information() -> Information:
-    """The information of no boxes."""
-    return Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
-
-
 def with_height_prior(info: Information, spread: Any) -> tuple[Any, Any, Any]:
     """Matrix, vector and constant with the prior H ~ N(1, spread²), added once."""
     precision = 1.0 / spread**2

@@ -8,22 +8,17 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import PairRatios, looks_of, no_looks
-from catfree.methods.evidence.group._groups import Groups, no_groups
+from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
 from catfree.methods.evidence.observe._views import GroundViews
-from catfree.methods.evidence.observe._visibility import (
-    DetectionRate,
-    rate_before_counting,
-    usual_heights,
-)
+from catfree.methods.evidence.observe._visibility import DetectionRate
 from catfree.methods.evidence.track._existence import Existence, not_judged
 from catfree.methods.evidence.track._tracking import (
     Motion,
     Population,
     Trails,
-    unlinked,
-    usual_motion,
+    no_trails,
 )
 from catfree.settings import EvidenceSettings
 from catfree.types import Fate
@@ -93,48 +88,11 @@ class EvidenceState(eqx.Module):
         return settings.track and settings.passes > 0 and len(self.boxes.frames) > 1
 
 
-def first_state(
-    boxes: Boxes,
-    views: GroundViews,
-    noise: Noise,
-    measurements: Measurements,
-    settings: EvidenceSettings,
-) -> EvidenceState:
-    """Make the state of boxes before any pass: there are no groups and no tracks yet."""
-    cameras = boxes.table.shape[1]
-    heights = usual_heights(boxes.size, boxes.camera, cameras, settings)
-    rows, numbers = np.zeros(0, np.int64), np.zeros(0)
-    return EvidenceState(
-        boxes=boxes,
-        views=views,
-        noise=noise,
-        measurements=measurements,
-        ratios=None,
-        groups=no_groups(cameras),
-        place=np.zeros((0, 3)),
-        rate=rate_before_counting(heights, settings),
-        existence=not_judged(0, cameras),
-        motion=usual_motion(settings),
-        trails=_nobody(),
-        evidence=numbers,
-        probability=numbers,
-        position_covariance=np.zeros((0, 2, 2)),
-        coverage=np.zeros((0, 2)),
-        fate=rows,
-        identity=rows,
-    )
-
-
-def _nobody() -> Trails:
-    """No tracks."""
-    return unlinked(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
-
-
 def with_groups(state: EvidenceState, groups: Groups) -> EvidenceState:
     """The state with other groups: nothing is known of them, and the tracks of the old ones go."""
     place, _ = mean_and_covariance(groups.info, float(state.noise.spread))
     return replace(
-        with_tracks(state, _nobody(), np.zeros(0), np.zeros(0)),
+        with_tracks(state, no_trails(), np.zeros(0), np.zeros(0)),
         groups=groups,
         place=place,
         existence=not_judged(*groups.member.shape),

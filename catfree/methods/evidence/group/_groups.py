@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.methods.evidence._gaussian import Information, log_evidence, no_information
+from catfree.methods.evidence._gaussian import Information, log_evidence
 
 VAGUE = 1e-6  # per H0²: a kilometer, which is no prior at all
 
@@ -59,8 +59,9 @@ class Priors:
 
 def no_groups(cameras: int) -> Groups:
     """No groups, of boxes of so many cameras."""
+    info = Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
     rows = np.zeros(0, np.int64)
-    return Groups(rows, np.zeros((0, cameras), np.int64), no_information(), np.zeros(0))
+    return Groups(rows, np.zeros((0, cameras), np.int64), info, np.zeros(0))
 
 
 def priors_of(
