@@ -80,17 +80,15 @@ def refine_by_evidence(
     detections = detections[in_runs(detections.frame, MOST_FRAMES)]
     observations = observe(detections, scene.rig, keep=np.ones(len(detections), bool))
 
-    def judged(candidate: Scene) -> _Judged | None:
-        """Judge a scene; None if too few people remain."""
+    def adjusted(people: ConfidentPeople) -> _Judged | None:
+        """Adjust the current scene to people, and judge it; None if too few people remain."""
+        moved = _adjusted(detections, current.scene, people, scene, settings.calibration)
         try:
-            result = _judge(detections, observations, candidate, settings)
+            result = _judge(detections, observations, moved, settings)
         except InsufficientDataError:
             return None
         fewest = FEWEST_LEFT * len(trace[0].people.member)
         return result if len(result.people.member) >= fewest else None
-
-    def adjusted(at: _Judged, people: ConfidentPeople) -> Scene:
-        return _adjusted(detections, at.scene, people, scene, settings.calibration)
 
     current = _judge(detections, observations, scene, settings)
     if len(current.people.member) == 0:
@@ -105,12 +103,10 @@ def refine_by_evidence(
         if done - last_decrease >= PATIENCE:
             break
         report("refinement", done, rounds)
-        proposed = judged(adjusted(current, current.people))
+        proposed = adjusted(current.people)
         if use_paper_groups:
             paper_people = _people_of_paper(detections, observations, current, settings)
-            alternative = (
-                judged(adjusted(current, paper_people)) if len(paper_people.member) else None
-            )
+            alternative = adjusted(paper_people) if len(paper_people.member) else None
             use_paper_groups = alternative is not None and (
                 proposed is None or alternative.residual < proposed.residual
             )
