@@ -20,7 +20,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from catfree.types._annotations import HostOrDevice
 
@@ -44,6 +44,15 @@ class Information:
 
     def __getitem__(self, rows) -> "Information":
         return Information(self.matrix[rows], self.vector[rows], self.constant[rows])
+
+    def summed(self, member: Int[np.ndarray, "group m"]) -> "Information":
+        """Sum the rows of each group, -1 for none."""
+        rows, present = np.maximum(member, 0), member >= 0
+        return Information(
+            np.where(present[..., None, None], self.matrix[rows], 0.0).sum(1),
+            np.where(present[..., None], self.vector[rows], 0.0).sum(1),
+            np.where(present, self.constant[rows], 0.0).sum(1),
+        )
 
 
 def with_height_prior(info: Information, spread: Any) -> tuple[Any, Any, Any]:

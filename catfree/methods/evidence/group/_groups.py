@@ -85,35 +85,3 @@ def priors_of(
     height = np.array([0.0, 0.0, 1 / spread**2])
     info = Information(matrix - np.diag(height), vector - height, np.zeros(len(vector)))
     return Priors(frame, replace(info, constant=2 * log_evidence(info, density, spread)))
-
-
-def groups_of(
-    frame: Int[np.ndarray, " group"],
-    member: Int[np.ndarray, "group cam"],
-    info: Information,
-    density: float,
-    spread: float,
-) -> Groups:
-    """Sum the information of the boxes of each group.
-
-    Args:
-        frame: (H,) frame index.
-        member: (H, C) rows of `info`, or -1.
-        info: (N) information of each box.
-        density: people per H0².
-        spread: standard deviation of heights in H0.
-    """
-    total = _sum(info, member)
-    alone = np.zeros(member.shape)
-    alone[member >= 0] = log_evidence(info[member[member >= 0]], density, spread)
-    return Groups(frame, member, total, log_evidence(total, density, spread) - alone.sum(1))
-
-
-def _sum(info: Information, member: np.ndarray) -> Information:
-    is_member = member >= 0
-    rows = np.maximum(member, 0)
-    return Information(
-        np.where(is_member[..., None, None], info.matrix[rows], 0.0).sum(1),
-        np.where(is_member[..., None], info.vector[rows], 0.0).sum(1),
-        np.where(is_member, info.constant[rows], 0.0).sum(1),
-    )

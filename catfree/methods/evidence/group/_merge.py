@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from catfree.methods.evidence._gaussian import Information, log_evidence, with_height_prior
-from catfree.methods.evidence.group._groups import Groups, Priors, groups_of
+from catfree.methods.evidence.group._groups import Groups, Priors
 
 # Log-likelihood ratio of the looks of pairs of boxes, given by their rows.
 PairRatio = Callable[[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]], np.ndarray]
@@ -228,7 +228,11 @@ def merge_boxes(
     near = close_pairs(position, covariance[:, :2, :2], frame[items], camera[items], gate)
     member = merge_groups(info, camera, cameras, items[near], density, spread, ratio)
     heads = items[(member[items] >= 0).any(1)]
-    return groups_of(frame[heads], member[heads], info, density, spread)
+    member = member[heads]
+    together, apart = info.summed(member), np.zeros(member.shape)
+    apart[member >= 0] = log_evidence(info[member[member >= 0]], density, spread)
+    gain = log_evidence(together, density, spread) - apart.sum(1)
+    return Groups(frame[heads], member, together, gain)
 
 
 def _joined(values: Any, more: Any) -> Any:
