@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from catfree.calibration._refinement import CAMERAS
 from catfree.methods import evidence
@@ -16,6 +16,7 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
 PLACE = 0.2  # body heights, the width of a body: the side of a place
+SURE = 3.0  # log-odds that the person exists, from one frame alone
 
 
 class ConfidentPeople(NamedTuple):
@@ -24,7 +25,7 @@ class ConfidentPeople(NamedTuple):
     Attributes:
         member: (P, C) row of the person's detection in each camera, or -1.
         box_sd: (N, 3) standard deviations in pixels of horizontal center, top and bottom of every
-            detection; NaN for detections without a group.
+            detection; NaN for detections without a group, and for edges cut by the image border.
         height: median height of people in scene units.
         repeats: mean number of groups per track.
         stays: mean number of groups of a track at one place. The errors of boxes of somebody who
@@ -41,7 +42,7 @@ class ConfidentPeople(NamedTuple):
 def confident_people(
     detections: Detections, scene: Scene, settings: EvidenceSettings
 ) -> ConfidentPeople:
-    """Select the strict clusters of the evidence method for a rig.
+    """Select the groups of the evidence method to trust: surely somebody, and in a track.
 
     Args:
         detections: (N,) boxes.
@@ -49,24 +50,38 @@ def confident_people(
         settings: of the evidence method.
 
     Returns:
-        The groups of `CAMERAS` boxes or more, possibly none.
+        The groups that are `well_seen`, possibly none.
 
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
     # Later rounds, with tracks as priors, add people who are less certain.
     once = replace(settings, passes=min(settings.passes, 1))
-    solution = evidence.solve(detections, scene, once, finish=False)
-    clusters = evidence.clusters_of(solution)
-    is_confident = clusters.strict() & ((clusters.member >= 0).sum(1) >= CAMERAS)
-    member, sigma = clusters.member[is_confident], clusters.sigma[is_confident]
+    s = evidence.solve(detections, scene, once, finish=False)
+    track = np.full(len(s.groups), -1)
+    track[s.trails.group[s.shown]] = s.identity[s.shown]
+    chosen = (track >= 0) & well_seen(s.groups.member) & (s.existence.log_odds > SURE)
+    member, track, unit = s.groups.member[chosen], track[chosen], float(s.views.unit)
+    box = member[member >= 0]
     deviation = np.full((len(detections), 3), np.nan)
-    present = member >= 0
-    deviation[member[present]] = sigma[present]
-    unit, track = float(solution.views.unit), clusters.track[is_confident]
-    place = np.floor(clusters.ground_xy[is_confident] / (PLACE * unit)).astype(np.int64)
+    deviation[s.boxes.row[box]] = np.where(
+        s.measurements.used[box], s.measurements.noise[box], np.nan
+    )
+    xy = s.place[chosen, :2] * unit + s.views.origin
+    place = np.floor(xy / (PLACE * unit)).astype(np.int64)
     tracks = len(np.unique(track))
     places = len(np.unique(np.column_stack([track, place]), axis=0))
     return ConfidentPeople(
-        member, deviation, unit, len(member) / max(tracks, 1), len(member) / max(places, 1)
+        np.where(member >= 0, s.boxes.row[member], -1),
+        deviation,
+        unit,
+        len(member) / max(tracks, 1),
+        len(member) / max(places, 1),
     )
+
+
+def well_seen(member: Int[np.ndarray, "person cam"]) -> Bool[np.ndarray, " person"]:
+    """Mark people seen by `CAMERAS` cameras, and by half of those that see anybody."""
+    seen = member >= 0
+    cameras = int(seen.any(0).sum())
+    return seen.sum(1) >= max(CAMERAS, -(-cameras // 2))

@@ -187,16 +187,11 @@ class EvidenceLoop:
         The likeliest such place is taken. Residuals would favor a camera that lost all of its
         people.
         """
-        places = places_for(others, self.detections, camera, self.settings.calibration)
-        refined = map(self.refine, places)
-        return next(
-            (
-                rig
-                for rig in refined
-                if rig.sightings[camera] > 0 and rig.sightings.sum() > present.sightings.sum()
-            ),
-            None,
-        )
+        for place in places_for(others, self.detections, camera, self.settings.calibration):
+            rig = self.refine(place)
+            if rig.sightings[camera] > 0 and rig.sightings.sum() > present.sightings.sum():
+                return rig
+        return None
 
     def _worst_outlier(self, calibration: Calibration, tried: set[int]) -> int | None:
         registered = np.asarray(calibration.scene.rig.registered)

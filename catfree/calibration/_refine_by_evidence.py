@@ -15,7 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from catfree.calibration._adjusted_cameras import with_registered
 from catfree.calibration._bundle_adjustment import CENTER_SD, FOCAL_SD, ROTATION_SD
-from catfree.calibration._confident_people import ConfidentPeople, confident_people
+from catfree.calibration._confident_people import (
+    ConfidentPeople,
+    confident_people,
+    well_seen,
+)
 from catfree.calibration._refinement import CAMERAS, MOST_FRAMES, SAME_RESIDUAL, STEPS, Refinement
 from catfree.calibration.people._correspondences import adjust_groups
 from catfree.calibration.people._radial_lens import ideal_pixels
@@ -76,17 +80,15 @@ def refine_by_evidence(
     detections = detections[in_runs(detections.frame, MOST_FRAMES)]
     observations = observe(detections, scene.rig, keep=np.ones(len(detections), bool))
 
-    def judged(candidate: Scene) -> _Judged | None:
-        """Judge a scene; None if too few people remain."""
+    def adjusted(people: ConfidentPeople) -> _Judged | None:
+        """Adjust the current scene to people, and judge it; None if too few people remain."""
+        moved = _adjusted(detections, current.scene, people, scene, settings.calibration)
         try:
-            result = _judge(detections, observations, candidate, settings)
+            result = _judge(detections, observations, moved, settings)
         except InsufficientDataError:
             return None
         fewest = FEWEST_LEFT * len(trace[0].people.member)
         return result if len(result.people.member) >= fewest else None
-
-    def adjusted(at: _Judged, people: ConfidentPeople) -> Scene:
-        return _adjusted(detections, at.scene, people, scene, settings.calibration)
 
     current = _judge(detections, observations, scene, settings)
     if len(current.people.member) == 0:
@@ -101,12 +103,10 @@ def refine_by_evidence(
         if done - last_decrease >= PATIENCE:
             break
         report("refinement", done, rounds)
-        proposed = judged(adjusted(current, current.people))
+        proposed = adjusted(current.people)
         if use_paper_groups:
             paper_people = _people_of_paper(detections, observations, current, settings)
-            alternative = (
-                judged(adjusted(current, paper_people)) if len(paper_people.member) else None
-            )
+            alternative = adjusted(paper_people) if len(paper_people.member) else None
             use_paper_groups = alternative is not None and (
                 proposed is None or alternative.residual < proposed.residual
             )
@@ -163,12 +163,10 @@ def _people_of_paper(
     """
     groups, _, _ = associate_in_two_passes(observations, judged.rays, settings)
     member = np.where(groups >= 0, observations.row[groups], -1)
-    cameras = int((member >= 0).any(0).sum())
-    fewest = max(CAMERAS, -(-cameras // 2))
     rules = settings.calibration
     sd = edge_deviation(detections.height, rules.relative_sd, rules.pixel_sd)
     return judged.people._replace(
-        member=member[(member >= 0).sum(1) >= fewest], box_sd=np.repeat(sd[:, None], 3, axis=1)
+        member=member[well_seen(member)], box_sd=np.repeat(sd[:, None], 3, axis=1)
     )
 
 

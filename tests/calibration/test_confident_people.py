@@ -11,6 +11,19 @@ from tests.calibration.ring_world import ring_of_six
 pytestmark = pytest.mark.slow
 
 
+def test_confident_people_are_right_correspondences():
+    world = ring_of_six()
+    people = confident_people(world.detections, world.true_scene, EvidenceSettings())
+    assert len(people.member) > 50
+    for member in people.member:
+        rows = member[member >= 0]
+        assert len(np.unique(world.detections.frame[rows])) == 1
+        assert len(np.unique(world.identities[rows])) == 1
+    grouped = people.member[people.member >= 0]
+    assert np.isfinite(people.box_sd[grouped]).any(1).all()
+    assert np.isnan(np.delete(people.box_sd, grouped, axis=0)).all()
+
+
 def test_somebody_who_stays_says_nothing_new():
     """People who walk are at a new place in nearly every frame; who stands is at one."""
     world, settings = ring_of_six(), EvidenceSettings()

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     import pyarrow
 
 # From the columns `PLACES` to whether each position is in the working area.
-Area = Callable[[Float[np.ndarray, " m"], Float[np.ndarray, " m"]], Bool[np.ndarray, " m"]]
+Area = Callable[[Float[np.ndarray, "m 2"]], Bool[np.ndarray, " m"]]
 
 INSTANTS = 20_000  # at most so many teach the working area: an hour at five per second
 
@@ -241,9 +241,8 @@ def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
     place, height = np.concatenate(places), float(np.median(heights))
     if len(place) == 0:
         return None
-    xy, sigma, whole = place[:, :2] / height, place[:, 2], place[:, 3].astype(np.int64)
     cameras = {camera for receipt in receipts for camera in receipt.cameras}
-    usual = usual_place(xy, sigma, whole, settings)
+    usual = usual_place(place[:, :2] / height, place[:, 2:], settings)
     return functools.partial(usual.holds, cameras=len(cameras), settings=settings)
 
 
@@ -271,8 +270,8 @@ def _write_joined(
     frame, local = (table[name].to_numpy() for name in ("frame", "track_id"))
     reported = (frame >= receipt.first) & (frame < receipt.stop)
     if area is not None:
-        sigma, whole = (table[name].to_numpy() for name in PLACES)
-        reported &= np.isnan(sigma) | area(sigma, whole)
+        coverage = np.column_stack([table[name].to_numpy() for name in PLACES])
+        reported &= np.isnan(coverage[:, 0]) | area(coverage)
     tracked = np.flatnonzero(reported & (local >= 0))
     identity = np.full(len(local), -1)
     identity[tracked], stop = identities.of(receipt.index, local[tracked])

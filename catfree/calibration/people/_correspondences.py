@@ -133,9 +133,8 @@ def refine_with_correspondences(
     scene = scene_of(parameters, rig.image_size, np.where(adjusted, result.k1, k1))
     instants = len(np.unique(np.asarray(detections.frame)[row]))
     crowd_sd = crowd_deviation(len(members) / instants, settings)
-    known, covariance = registered & adjusted, result.camera_covariance()
-    rig_sd = shape_deviation(result.parameters, result.camera_covariance(repeats), known)
-    scale_sd = scale_deviation(result.parameters, covariance, known)
+    rig_sd = shape_deviation(result.parameters, result.camera_covariance(repeats), adjusted)
+    scale_sd = scale_deviation(result.parameters, result.camera_covariance(), adjusted)
     return replace(
         calibration,
         scene=replace(scene, rig_sd=rig_sd),

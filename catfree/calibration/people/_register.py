@@ -212,25 +212,23 @@ def describe_registration(
     Raises:
         CalibrationError: if fewer than two cameras can be trusted.
     """
-    count, state, bundle = work.grid.camera_count, registered.state, registered.bundle
-    trusted = np.zeros(count, bool)
-    association, evidence = np.full(count, np.nan), np.full(count, np.nan)
-    for camera, verdict in registered.verdicts.items():
-        trusted[camera] = verdict.accepted
-        if verdict.accepted:
-            association[camera] = verdict.association
-            evidence[camera] = verdict.margin
-    if trusted.sum() < 2:
+    state, bundle, verdicts = registered.state, registered.bundle, registered.verdicts
+    trusted = sum(verdict.accepted for verdict in verdicts.values())
+    if trusted < 2:
         reasons = "; ".join(
             f"{shown_camera(c, camera_names)}: "
             f"{' and '.join(v.shortcomings) or 'enough, but no other trusted camera'}"
-            for c, v in registered.verdicts.items()
+            for c, v in verdicts.items()
         )
         raise CalibrationError(
-            f"Only {trusted.sum()} cameras can be trusted and 2 are needed "
+            f"Only {trusted} cameras can be trusted and 2 are needed "
             f"({reasons or 'no matches'}); check synchronization and overlap, or record longer."
         )
-    parameters = np.where(trusted[:, None], state.parameters, np.nan)
+    # A camera that cannot be trusted is kept only beside a single other one (`weakest`).
+    association, evidence = np.full((2, work.grid.camera_count), np.nan)
+    for camera, verdict in verdicts.items():
+        association[camera], evidence[camera] = verdict.association, verdict.margin
+    placed, parameters = state.placed, state.parameters
     crowd_sd = crowd_deviation(len(bundle.people) / work.grid.frame_count, work.settings)
     # The boxes were straightened for another focal length.
     ratio = np.exp(parameters[:, LOG_FOCAL]) / work.lenses.focal
@@ -241,18 +239,18 @@ def describe_registration(
         log_likelihood_ratio=evidence,
         focal_sd=np.exp(parameters[:, LOG_FOCAL]) * bundle.focal_deviation,
         camera_covariance=bundle.camera_covariance(),
-        distortion_sd=np.where(trusted, bundle.k1_sd, np.nan),
-        center_covariance=np.where(trusted[:, None, None], bundle.center_covariance, np.nan),
+        distortion_sd=np.where(placed, bundle.k1_sd, np.nan),
+        center_covariance=np.where(placed[:, None, None], bundle.center_covariance, np.nan),
         shared_focal=False,
         scale_sd=np.hypot(
-            scale_deviation(parameters, bundle.camera_covariance(), trusted),
+            scale_deviation(parameters, bundle.camera_covariance(), placed),
             crowd_sd / work.settings.person_height,
         ).item(),
         crowd_height=work.settings.person_height,
         crowd_height_sd=crowd_sd,
         foot_offset=work.settings.foot_offset,
         residual=bundle.residual,
-        camera_residual=np.where(trusted, bundle.camera_residual, np.nan),
-        sightings=np.where(trusted, bundle.sightings, 0),
+        camera_residual=bundle.camera_residual,
+        sightings=bundle.sightings,
         frame_offset=offset,
     )

@@ -80,9 +80,7 @@ def people_of(rig: Rig, detections: Detections | None) -> BodyRays | None:
     """Cast rays of a sample of boxes in whole frames; None if there are too few boxes."""
     if detections is None:
         return None
-    known = (detections.camera < rig.camera_count) & rig.registered[
-        np.minimum(detections.camera, rig.camera_count - 1)
-    ]
+    known = np.isin(detections.camera, np.flatnonzero(rig.registered))
     frames, counts = np.unique(detections.frame[known], return_counts=True)
     if known.sum() < FEWEST_DETECTIONS:
         return None

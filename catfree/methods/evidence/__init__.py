@@ -11,8 +11,6 @@ height and appearance, decides when each person is present, and suppresses overl
 """
 
 from catfree.methods.evidence._localize_by_evidence import (
-    Clusters as Clusters,
-    clusters_of as clusters_of,
     describe as describe,
     localize_by_evidence as localize_by_evidence,
 )

@@ -20,7 +20,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from catfree.types._annotations import HostOrDevice
 
@@ -45,10 +45,14 @@ class Information:
     def __getitem__(self, rows) -> "Information":
         return Information(self.matrix[rows], self.vector[rows], self.constant[rows])
 
-
-def no_information() -> Information:
-    """The information of no boxes."""
-    return Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
+    def summed(self, member: Int[np.ndarray, "group m"]) -> "Information":
+        """Sum the rows of each group, -1 for none."""
+        rows, present = np.maximum(member, 0), member >= 0
+        return Information(
+            np.where(present[..., None, None], self.matrix[rows], 0.0).sum(1),
+            np.where(present[..., None], self.vector[rows], 0.0).sum(1),
+            np.where(present, self.constant[rows], 0.0).sum(1),
+        )
 
 
 def with_height_prior(info: Information, spread: Any) -> tuple[Any, Any, Any]:
@@ -57,6 +61,15 @@ def with_height_prior(info: Information, spread: Any) -> tuple[Any, Any, Any]:
     axis = np.array([0.0, 0.0, 1.0], info.matrix.dtype)
     matrix = info.matrix + precision * np.diag(axis)
     return matrix, info.vector + precision * axis, info.constant + precision
+
+
+def _cofactors(matrix: Any) -> tuple[tuple[Any, ...], Any]:
+    """The cofactors 00, 01, 02, 11, 12, 22 of symmetric 3x3 matrices, and the determinant."""
+    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
+    d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]
+    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
+    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
+    return (A, B, C, D, E, F), a * A + b * B + c * C
 
 
 def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:
@@ -69,12 +82,8 @@ def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:
     Returns:
         (...) determinant and (...) quadratic form.
     """
-    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
-    d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]
+    (A, B, C, D, E, F), det = _cofactors(matrix)
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    det = a * A + b * B + c * C
     form = A * x * x + D * y * y + F * z * z + 2 * (B * x * y + C * x * z + E * y * z)
     return det, form / det
 
@@ -100,11 +109,7 @@ def log_evidence(info: Information, density: Any, spread: Any) -> Any:
 def invert_symmetric(matrix: Any) -> Any:
     """Invert symmetric 3x3 matrices in closed form; (..., 3, 3) -> (..., 3, 3)."""
     xp = np if isinstance(matrix, np.ndarray) else jnp
-    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
-    d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    det = a * A + b * B + c * C
+    (A, B, C, D, E, F), det = _cofactors(matrix)
     rows = [xp.stack(r, axis=-1) for r in ((A, B, C), (B, D, E), (C, E, F))]
     return xp.stack(rows, axis=-2) / det[..., None, None]
 

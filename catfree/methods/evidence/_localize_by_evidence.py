@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 from scipy.special import expit
 
 from catfree.geometry._plane import from_plan
@@ -25,41 +24,6 @@ from catfree.types._annotations import Progress
 
 GROUND_TOLERANCE = 0.15  # of a person's height, by which feet may be off the ground unmentioned
 USUAL_HEIGHTS = (1.0, 2.5)  # meters; medians beyond show another unit
-
-
-class Clusters(eqx.Module):
-    """Groups of boxes of one person in one frame: correspondences for bundle adjustment.
-
-    Attributes:
-        frame: (H,) frame number.
-        member: (H, C) index of the detection in each camera, or -1.
-        ground_xy: (H, 2) coordinates along the plane's basis, scene units.
-        height: (H,) of the person in scene units.
-        log_odds: (H,) log-odds that the person exists, from this frame alone.
-        track: (H,) identity of the reported track that the cluster belongs to, or -1.
-        kept: (H,) whether the cluster belongs to a reported track.
-        sigma: (H, C, 3) noise of center, top and bottom of each box in pixels, NaN without a box
-            and for edges cut by the image border.
-    """
-
-    frame: Int[np.ndarray, " h"]
-    member: Int[np.ndarray, "h cam"]
-    ground_xy: Float[np.ndarray, "h 2"]
-    height: Float[np.ndarray, " h"]
-    log_odds: Float[np.ndarray, " h"]
-    track: Int[np.ndarray, " h"]
-    kept: Bool[np.ndarray, " h"]
-    sigma: Float[np.ndarray, "h cam 3"]
-
-    def strict(self, minimum_log_odds: float = 3.0) -> Bool[np.ndarray, " h"]:
-        """Mark clusters to trust as correspondences, (H,): in a track, seen by half the cameras.
-
-        Cameras without any box do not count.
-        """
-        is_member = self.member >= 0
-        views, cameras = is_member.sum(1), int(is_member.any(0).sum())
-        enough = max(3, -(-cameras // 2))
-        return self.kept & (views >= enough) & (self.log_odds > minimum_log_odds)
 
 
 def localize_by_evidence(
@@ -90,34 +54,30 @@ def localize_by_evidence(
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
+    settings = settings or EvidenceSettings()
     solution = solve(detections, scene, settings, keep=keep, silent=silent, progress=progress)
-    localization = describe(
-        solution, scene, settings, detection_count=len(detections), camera_names=camera_names
-    )
-    return replace(localization, tracks=replace(localization.tracks, clock=detections.clock))
+    return describe(solution, detections, scene, settings, camera_names)
 
 
 def describe(
     solution: EvidenceState,
+    detections: Detections,
     scene: Scene,
-    settings: EvidenceSettings | None = None,
-    *,
-    detection_count: int,
+    settings: EvidenceSettings,
     camera_names: Sequence[str] | None = None,
 ) -> Localization:
     """Convert a solution to the frame and units of its scene.
 
     Args:
         solution: the result of `solve`.
+        detections: the boxes passed to `solve`.
         scene: the scene passed to `solve`.
         settings: those that were passed to `solve`.
-        detection_count: number of detections passed to `solve`.
         camera_names: names for warnings.
 
     Returns:
         The localization.
     """
-    settings = settings or EvidenceSettings()
     s = solution
     unit = float(s.views.unit)
     rows = np.flatnonzero(s.kept)
@@ -128,7 +88,7 @@ def describe(
     fate[s.trails.group[present]] = s.fate[present]
     with float_width_of(s.boxes.box):  # before the results take memory
         rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
-        bend = lens_bends(group[is_detected], s)
+        bend = lens_bends(s)
         patterns = residual_patterns(s)
     precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
     members = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
@@ -136,10 +96,10 @@ def describe(
     reported = Reported(
         s.boxes.frames[s.trails.frame[rows]], s.identity[rows], s.trails.mean[rows],
         s.trails.covariance[rows], s.position_covariance[rows], s.probability[rows], support,
-        np.column_stack([s.design_sigma[rows], s.whole_views[rows]]),
+        s.coverage[rows],
     )  # fmt: skip
     pace = unit / s.boxes.step
-    tracks = tracks_of(reported, scene, s.views.origin, unit, pace).renumbered()
+    tracks = tracks_of(reported, scene, s.views.origin, unit, pace, detections.clock).renumbered()
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
         position=from_plan(scene, s.place[:, :2] * unit + s.views.origin),
@@ -168,7 +128,7 @@ def describe(
     warnings += blind_camera_warnings(s, scene, settings, camera_names)
     if patterns is not None:
         warnings += patterns.sentences(camera_names)
-    return Localization(tracks, candidates, thresholds, reliability, detection_count, warnings)
+    return Localization(tracks, candidates, thresholds, reliability, len(detections), warnings)
 
 
 def ground_warnings(height: float, person_height: float, scene: Scene) -> tuple[str, ...]:
@@ -179,22 +139,21 @@ def ground_warnings(height: float, person_height: float, scene: Scene) -> tuple[
         person_height: in the same unit.
         scene: for the name of the unit.
     """
-    warnings = ()
+    warnings = []
     if scene.metric and not USUAL_HEIGHTS[0] <= person_height <= USUAL_HEIGHTS[1]:
-        warnings = (
+        warnings.append(
             f"People are {person_height:.2g} m tall in this scene, so its lengths are not in "
-            "meters: pass its unit to cf.read_scene, which may be arbitrary, or scale it.",
+            "meters: pass its unit to cf.read_scene, which may be arbitrary, or scale it."
         )
-    if not abs(height) > GROUND_TOLERANCE * person_height:
-        return warnings
-    unit = "m" if scene.metric else "units of the scene"
-    side = "above" if height > 0 else "below"
-    return (
-        *warnings,
-        f"The rays through people's feet meet {abs(height):.2g} {unit} {side} the ground plane: "
-        f"the plane is too {'low' if height > 0 else 'high'} or the cameras are off. Pass the "
-        "ground on which people stand, or refine the scene with `cf.refine`.",
-    )
+    if abs(height) > GROUND_TOLERANCE * person_height:
+        unit = "m" if scene.metric else "units of the scene"
+        side, level = ("above", "low") if height > 0 else ("below", "high")
+        warnings.append(
+            f"The rays through people's feet meet {abs(height):.2g} {unit} {side} the ground "
+            f"plane: the plane is too {level} or the cameras are off. Pass the ground on which "
+            "people stand, or refine the scene with `cf.refine`."
+        )
+    return tuple(warnings)
 
 
 def _expected_rates(
@@ -213,34 +172,4 @@ def _expected_rates(
     return (
         correct / len(rows) if len(rows) else float("nan"),
         correct / people if people > 0 else float("nan"),
-    )
-
-
-def clusters_of(solution: EvidenceState) -> Clusters:
-    """Convert the groups of a solution to correspondences between cameras.
-
-    Args:
-        solution: the result of `solve`.
-
-    Returns:
-        All groups, including single boxes, in scene units; `Clusters.strict` selects the reliable
-        ones.
-    """
-    s = solution
-    unit = float(s.views.unit)
-    is_member = s.groups.member >= 0
-    track = np.full(len(s.groups), -1)
-    kept = np.flatnonzero(s.kept & (s.trails.group >= 0))
-    track[s.trails.group[kept]] = s.identity[kept]
-    rows = np.maximum(s.groups.member, 0)
-    noise, used = (np.asarray(a)[rows] for a in (s.measurements.noise, s.measurements.used))
-    return Clusters(
-        frame=s.boxes.frames[s.groups.frame],
-        member=np.where(is_member, s.boxes.row[s.groups.member], -1),
-        ground_xy=s.place[:, :2] * unit + s.views.origin,
-        height=s.place[:, 2] * unit,
-        log_odds=s.existence.log_odds,
-        track=track,
-        kept=track >= 0,
-        sigma=np.where(is_member[..., None] & used, noise, np.nan),
     )

@@ -10,7 +10,6 @@ from catfree.methods.evidence.learn._self_calibration import self_calibrate
 from catfree.methods.evidence.observe._boxes import float_width_of
 from catfree.methods.evidence.passes._add_pose_errors import add_pose_errors
 from catfree.methods.evidence.passes._choose_reported import choose_reported
-from catfree.methods.evidence.passes._expect_people import expect_people
 from catfree.methods.evidence.passes._follow_people import follow_people
 from catfree.methods.evidence.passes._group_boxes import group_boxes
 from catfree.methods.evidence.passes._learn_looks import learn_looks
@@ -23,7 +22,7 @@ from catfree.types._annotations import Progress, no_progress
 
 Pass = Callable[[EvidenceState, EvidenceSettings], EvidenceState]
 
-ASSOCIATE: tuple[Pass, ...] = (expect_people, group_boxes, weigh_groups, follow_people)
+ASSOCIATE: tuple[Pass, ...] = (group_boxes, weigh_groups, follow_people)
 FINISH: tuple[Pass, ...] = (name_people, add_pose_errors)
 
 

@@ -8,22 +8,17 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import PairRatios, looks_of, no_looks
-from catfree.methods.evidence.group._groups import Groups, Priors, no_groups, no_priors
+from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
 from catfree.methods.evidence.observe._views import GroundViews
-from catfree.methods.evidence.observe._visibility import (
-    DetectionRate,
-    rate_before_counting,
-    usual_heights,
-)
+from catfree.methods.evidence.observe._visibility import DetectionRate
 from catfree.methods.evidence.track._existence import Existence, not_judged
 from catfree.methods.evidence.track._tracking import (
     Motion,
     Population,
     Trails,
-    unlinked,
-    usual_motion,
+    no_trails,
 )
 from catfree.settings import EvidenceSettings
 from catfree.types import Fate
@@ -38,7 +33,6 @@ class EvidenceState(eqx.Module):
     Attributes:
         boxes, views, noise, measurements: the boxes, their cameras, noise and likelihoods.
         ratios: compares the embeddings of boxes; None if they do not tell people apart.
-        priors: where tracks expect people, until their boxes are grouped.
         groups: boxes of one person in one frame.
         place: (H, 3) position and height of each group.
         rate: how often each camera detects a person in view.
@@ -47,10 +41,8 @@ class EvidenceState(eqx.Module):
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows.
         probability: (M,) that the person was present.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
-        design_sigma: (M,) ground uncertainty without occlusion, of reported rows and those outside
-            the working area; NaN of others.
-        whole_views: (M,) number of images with the whole body without occlusion, of the same rows;
-            0 of others.
+        coverage: (M, 2) ground uncertainty and number of images with the whole body, both without
+            occlusion, of reported rows and those outside the working area; NaN of others.
         fate: (M,) values of `Fate`: why a row is not reported, `TRACKING` where nobody is present.
         identity: (M,) who it is, of reported rows; -1 of others.
     """
@@ -60,7 +52,6 @@ class EvidenceState(eqx.Module):
     noise: Noise
     measurements: Measurements
     ratios: PairRatios | None
-    priors: Priors
     groups: Groups
     place: Float[np.ndarray, "group 3"]
     rate: DetectionRate
@@ -70,8 +61,7 @@ class EvidenceState(eqx.Module):
     evidence: Float[np.ndarray, " node"]
     probability: Float[np.ndarray, " node"]
     position_covariance: Float[np.ndarray, "node 2 2"]
-    design_sigma: Float[np.ndarray, " node"]
-    whole_views: Int[np.ndarray, " node"]
+    coverage: Float[np.ndarray, "node 2"]
     fate: Int[np.ndarray, " node"]
     identity: Int[np.ndarray, " node"]
 
@@ -79,6 +69,11 @@ class EvidenceState(eqx.Module):
     def kept(self) -> Bool[np.ndarray, " node"]:
         """(M,) whether the row is reported."""
         return self.fate == Fate.ACCEPTED
+
+    @property
+    def shown(self) -> Int[np.ndarray, " k"]:
+        """(k,) the reported rows with boxes."""
+        return np.flatnonzero(self.kept & (self.trails.group >= 0))
 
     def population(self, settings: EvidenceSettings) -> Population:
         """What the state knows of all people and frames together."""
@@ -93,50 +88,11 @@ class EvidenceState(eqx.Module):
         return settings.track and settings.passes > 0 and len(self.boxes.frames) > 1
 
 
-def first_state(
-    boxes: Boxes,
-    views: GroundViews,
-    noise: Noise,
-    measurements: Measurements,
-    settings: EvidenceSettings,
-) -> EvidenceState:
-    """Make the state of boxes before any pass: there are no groups and no tracks yet."""
-    cameras = boxes.table.shape[1]
-    heights = usual_heights(boxes.size, boxes.camera, cameras, settings)
-    rows, numbers = np.zeros(0, np.int64), np.zeros(0)
-    return EvidenceState(
-        boxes=boxes,
-        views=views,
-        noise=noise,
-        measurements=measurements,
-        ratios=None,
-        priors=no_priors(),
-        groups=no_groups(cameras),
-        place=np.zeros((0, 3)),
-        rate=rate_before_counting(heights, settings),
-        existence=not_judged(0, cameras),
-        motion=usual_motion(settings),
-        trails=_nobody(),
-        evidence=numbers,
-        probability=numbers,
-        position_covariance=np.zeros((0, 2, 2)),
-        design_sigma=numbers,
-        whole_views=rows,
-        fate=rows,
-        identity=rows,
-    )
-
-
-def _nobody() -> Trails:
-    """No tracks."""
-    return unlinked(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
-
-
 def with_groups(state: EvidenceState, groups: Groups) -> EvidenceState:
     """The state with other groups: nothing is known of them, and the tracks of the old ones go."""
     place, _ = mean_and_covariance(groups.info, float(state.noise.spread))
     return replace(
-        with_tracks(state, _nobody(), np.zeros(0), np.zeros(0)),
+        with_tracks(state, no_trails(), np.zeros(0), np.zeros(0)),
         groups=groups,
         place=place,
         existence=not_judged(*groups.member.shape),
@@ -156,8 +112,7 @@ def with_tracks(
         evidence=evidence,
         probability=probability,
         position_covariance=trails.covariance[:, :2, :2],
-        design_sigma=np.full(len(trails), np.nan),
-        whole_views=np.zeros(len(trails), np.int64),
+        coverage=np.full((len(trails), 2), np.nan),
         fate=np.full(len(trails), Fate.TRACKING),
         identity=np.full(len(trails), -1),
     )

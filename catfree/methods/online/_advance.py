@@ -19,7 +19,7 @@ from catfree.methods.evidence.passes._group_boxes import group_boxes
 from catfree.methods.evidence.passes._observe_boxes import observe_boxes
 from catfree.methods.evidence.passes._weigh_groups import judge, views_of_groups
 from catfree.methods.evidence.report._uneven_ground import ground_shift
-from catfree.methods.evidence.report._working_area import design_sigma, whole_views
+from catfree.methods.evidence.report._working_area import coverage_of
 from catfree.methods.evidence.track._pasts import Pasts, predict
 from catfree.methods.evidence.track._presence import step_forward
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
@@ -84,7 +84,7 @@ def advance(
     heads = predict(state.heads, *transition(motion, step))
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
     priors = _priors(state, heads, density, spread, settings)
-    now = group_boxes(replace(now, motion=motion, rate=rate, priors=priors), settings)
+    now = group_boxes(replace(now, motion=motion, rate=rate), settings, priors)
     predicted = views_of_groups(now, settings)
     now = judge(now, predicted, settings, learned.clutter)
     boxes, views, groups, existence = now.boxes, now.views, now.groups, now.existence
@@ -117,9 +117,7 @@ def advance(
         forward=forward,
         weight=weight,
         shift=shift,
-        place=np.column_stack(
-            [design_sigma(node.mean[:, :3], around, views, noise), whole_views(around, settings)]
-        ),
+        place=coverage_of(node.mean[:, :3], around, views, noise, settings),
         support=np.append(boxes.row, -1)[of_tracks(groups.member, -1)],
         look=of_tracks(looks.total),
         boxes=of_tracks(looks.count),

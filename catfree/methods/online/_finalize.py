@@ -81,7 +81,7 @@ def _in_working_area(
     if not settings.working_area or not np.isfinite(learned.usual).all():
         return np.ones(len(place), bool)
     usual, cameras = UsualPlace(*learned.usual.tolist()), int(learned.active.sum())
-    return usual.holds(place[:, 0], place[:, 1], cameras, settings)
+    return usual.holds(place, cameras, settings)
 
 
 def _by_precision(

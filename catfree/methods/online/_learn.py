@@ -151,8 +151,7 @@ def learn_places(
     often = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
     if len(places) and often:
         some = evenly_spread(places, USUAL_PLACES)
-        whole = some[:, 3].astype(np.int64)
-        usual = np.array(usual_place(some[:, :2], some[:, 2], whole, settings))
+        usual = np.array(usual_place(some[:, :2], some[:, 2:], settings))
     return replace(state, learned=replace(learned, places=places, usual=usual))
 
 

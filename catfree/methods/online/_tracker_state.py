@@ -72,7 +72,7 @@ class PendingInstant(NamedTuple):
         forward: (T, 2) log weights of being present or not, given the instants so far.
         weight: (T,) summed evidence of the track while present, so far.
         shift: (T, 2) movement of the position for a raised ground.
-        place: (T, 2) design uncertainty, and number of whole views.
+        place: (T, 2) as `EvidenceState.coverage`.
         support: (T, C) rows of the caller's detections, or -1.
         look: (T, D) sum of the embeddings of the boxes; `boxes`: (T,) their number.
     """

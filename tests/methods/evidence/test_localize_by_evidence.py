@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import catfree as cf
 from catfree.errors import InsufficientDataError
 from catfree.evaluation import detection_metrics
-from catfree.methods.evidence import EvidenceSettings, clusters_of, localize_by_evidence, solve
+from catfree.methods.evidence import EvidenceSettings, localize_by_evidence
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Fate, Origin
 from tests.methods.evidence.evidence_worlds import make_rig, make_scene, walk
@@ -167,21 +167,6 @@ def test_a_blind_frame_of_one_camera_is_not_held_against_people():
     truth, detections, scene = walk(people=8, seed=10, clutter=0.0)
     blind = (detections.camera == 1) & (detections.frame == 5)
     assert_found_alone(truth, localize_by_evidence(detections[~blind], scene))
-
-
-@pytest.mark.slow
-def test_clusters_are_right_correspondences():
-    truth, detections, scene = walk(seed=11)
-    clusters = clusters_of(solve(detections, scene))
-    strict = clusters.strict()
-    assert strict.sum() > 50
-    for i in np.flatnonzero(strict):
-        rows = clusters.member[i][clusters.member[i] >= 0]
-        assert (detections.frame[rows] == clusters.frame[i]).all()
-        there = truth[truth[:, 0] == clusters.frame[i], 2:]
-        assert np.linalg.norm(there - clusters.ground_xy[i], axis=1).min() < 0.2
-    assert np.isfinite(clusters.sigma[clusters.member >= 0]).all()
-    assert np.isnan(clusters.sigma[clusters.member < 0]).all()
 
 
 @cache

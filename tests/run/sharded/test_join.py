@@ -157,7 +157,7 @@ def test_the_working_area_is_that_of_the_whole_recording(tmp_path_factory, seed,
     inside = np.isnan(sigma)
     seen = ~inside
     inside[seen] = in_working_area(
-        xy[seen] / HEIGHT, sigma[seen], views[seen], 4, cf.Settings().evidence
+        xy[seen] / HEIGHT, np.column_stack([sigma, views])[seen], 4, cf.Settings().evidence
     )
     joined = cf.join(out)
     order = np.lexsort((np.round(xy[inside, 1]), frame[inside]))
@@ -187,7 +187,7 @@ def test_the_area_is_learned_from_so_many_instants(tmp_path_factory, step, first
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_join, "INSTANTS", most)
         patch.setattr(
-            _join, "usual_place", lambda *rows: learned.append(rows[2]) or UsualPlace(1, 1)
+            _join, "usual_place", lambda *rows: learned.append(rows[1][:, 1]) or UsualPlace(1, 1)
         )
         _join._learn_area(out, _join.read_receipts(out))
     at = np.unique(whole.frame[np.isin(whole.whole_views, learned[0])])

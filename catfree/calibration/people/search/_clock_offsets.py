@@ -69,19 +69,19 @@ def find_offsets(
     step = frame_step(grid.frames)
     offset = np.zeros(grid.camera_count, np.int64)
     for done in range(grid.camera_count):
-        state, cameras = registered.state, np.flatnonzero(offset == 0)
+        state = registered.state
         # One camera at a time, the clearest first: a wrong clock also distorts the fit of others.
-        gains = [
-            (_offset_of_placed if state.placed[c] else offset_of_unplaced)(
-                work, state, int(c), maximum // step
+        found = {
+            c: (_offset_of_placed if state.placed[c] else offset_of_unplaced)(
+                work, state, c, maximum // step
             )
-            for c in cameras
-        ]
+            for c in np.flatnonzero(offset == 0).tolist()
+        }
         report("offsets", done + 1, grid.camera_count)
-        if max(gains)[0] <= work.settings.minimum_margin:
+        camera = max(found, key=lambda c: found[c][0])
+        gain, shift = found[camera]
+        if gain <= work.settings.minimum_margin:
             break
-        best = int(np.argmax([gain for gain, _ in gains]))
-        camera, shift = int(cameras[best]), gains[best][1]
         corrected = Workspace(work.grid.shifted(camera, -shift), work.settings, work.lenses)
         try:
             proposed = register_cameras(corrected, report)

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.methods.evidence._gaussian import Information, log_evidence, no_information
+from catfree.methods.evidence._gaussian import Information, log_evidence
 
 VAGUE = 1e-6  # per H0²: a kilometer, which is no prior at all
 
@@ -59,13 +59,9 @@ class Priors:
 
 def no_groups(cameras: int) -> Groups:
     """No groups, of boxes of so many cameras."""
+    info = Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
     rows = np.zeros(0, np.int64)
-    return Groups(rows, np.zeros((0, cameras), np.int64), no_information(), np.zeros(0))
-
-
-def no_priors() -> Priors:
-    """Nobody is expected."""
-    return Priors(np.zeros(0, np.int64), no_information())
+    return Groups(rows, np.zeros((0, cameras), np.int64), info, np.zeros(0))
 
 
 def priors_of(
@@ -89,59 +85,3 @@ def priors_of(
     height = np.array([0.0, 0.0, 1 / spread**2])
     info = Information(matrix - np.diag(height), vector - height, np.zeros(len(vector)))
     return Priors(frame, replace(info, constant=2 * log_evidence(info, density, spread)))
-
-
-def collect_groups(
-    root: Int[np.ndarray, " item"],
-    items: Int[np.ndarray, " n"],
-    info: Information,
-    frame: Int[np.ndarray, " item"],
-    camera: Int[np.ndarray, " item"],
-    cameras: int,
-    density: float,
-    spread: float,
-) -> Groups:
-    """Build groups from the representatives of items, and sum the information of their members.
-
-    Args:
-        root: (N,) the item that represents each item's group.
-        items: (n,) the items to use.
-        info: (N) information of each item.
-        frame: (N,) frame index.
-        camera: (N,) camera index, C for a track prior.
-        cameras: C.
-        density: people per H0².
-        spread: standard deviation of heights in H0.
-
-    Returns:
-        Groups with at least one box, in the order of their representatives.
-    """
-    boxes = items[camera[items] < cameras]
-    heads, index = np.unique(root[items], return_inverse=True)
-    # Items of tracks without boxes form no group.
-    has_box = np.bincount(index, camera[items] < cameras, len(heads)) > 0
-    index = (np.cumsum(has_box) - 1)[index]
-    keep = has_box[np.searchsorted(heads, root[items])]
-    items, index = items[keep], index[keep]
-    heads = heads[has_box]
-    H = len(heads)
-    member = np.full((H, cameras), -1)
-    group_of = np.full(len(root), -1)
-    group_of[items] = index
-    member[group_of[boxes], camera[boxes]] = boxes
-    box_info = _sum(info, member)
-    single = np.zeros(len(root))
-    single[items] = log_evidence(info[items], density, spread)
-    alone = np.where(member >= 0, single[np.maximum(member, 0)], 0.0).sum(1)
-    gain = log_evidence(box_info, density, spread) - alone
-    return Groups(frame[heads], member, box_info, gain)
-
-
-def _sum(info: Information, member: np.ndarray) -> Information:
-    is_member = member >= 0
-    rows = np.maximum(member, 0)
-    return Information(
-        np.where(is_member[..., None, None], info.matrix[rows], 0.0).sum(1),
-        np.where(is_member[..., None], info.vector[rows], 0.0).sum(1),
-        np.where(is_member, info.constant[rows], 0.0).sum(1),
-    )

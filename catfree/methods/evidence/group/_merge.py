@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from catfree.methods.evidence._gaussian import Information, log_evidence, with_height_prior
-from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups
+from catfree.methods.evidence.group._groups import Groups, Priors
 
 # Log-likelihood ratio of the looks of pairs of boxes, given by their rows.
 PairRatio = Callable[[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]], np.ndarray]
@@ -107,7 +107,7 @@ def merge_groups(
     density: float,
     spread: float,
     ratio: PairRatio | None = None,
-) -> Int[np.ndarray, " item"]:
+) -> Int[np.ndarray, "item cam"]:
     """Merge while any pair gains.
 
     Args:
@@ -120,12 +120,11 @@ def merge_groups(
         ratio: of the looks of boxes, which come before priors; None to ignore looks.
 
     Returns:
-        (N,) the row that represents each item's group, its first.
+        (N, C) the boxes of the group whose first item this is, -1 for none and for other items.
     """
     count = len(camera)
-    root = np.arange(count)
     info = jax.tree.map(np.array, info)  # a copy: the sums of the groups
-    member = np.where(camera[:, None] == np.arange(cameras + 1), root[:, None], -1)
+    member = np.where(camera[:, None] == np.arange(cameras + 1), np.arange(count)[:, None], -1)
     evidence, items = np.zeros(count), _distinct(pairs.ravel())
     evidence[items] = log_evidence(info[items], density, spread)
 
@@ -147,14 +146,14 @@ def merge_groups(
         one, two = (np.concatenate(rows) for rows in zip((one, two), added, strict=True))
         kept, absorbed = _mutually_best(one, two, gain, count)
         if not len(kept):
-            return root
+            return member[:, :cameras]
         for part in (info.matrix, info.vector, info.constant):
             part[kept] += part[absorbed]
         evidence[kept] = log_evidence(info[kept], density, spread)
         member[kept] = np.maximum(member[kept], member[absorbed])
+        member[absorbed] = -1
         target, changed = np.arange(count), np.zeros(count, bool)
         target[absorbed], changed[kept], changed[absorbed] = kept, True, True
-        root = target[root]
         # Only pairs of groups that changed gain something else than before.
         again = changed[one] | changed[two]
         ends = np.sort(target[np.stack([one[again], two[again]])], axis=0)
@@ -227,9 +226,13 @@ def merge_boxes(
     covariance = np.linalg.inv(matrix)  # accurate even for a vague prior
     position = np.einsum("nij,nj->ni", covariance[:, :2], vector)
     near = close_pairs(position, covariance[:, :2, :2], frame[items], camera[items], gate)
-    pairs = items[near]
-    root = merge_groups(info, camera, cameras, pairs, density, spread, ratio)
-    return collect_groups(root, items, info, frame, camera, cameras, density, spread)
+    member = merge_groups(info, camera, cameras, items[near], density, spread, ratio)
+    heads = items[(member[items] >= 0).any(1)]
+    member = member[heads]
+    together, apart = info.summed(member), np.zeros(member.shape)
+    apart[member >= 0] = log_evidence(info[member[member >= 0]], density, spread)
+    gain = log_evidence(together, density, spread) - apart.sum(1)
+    return Groups(frame[heads], member, together, gain)
 
 
 def _joined(values: Any, more: Any) -> Any:

@@ -72,20 +72,22 @@ def _likeliest_start(
     confuses neighbors.
 
     Returns:
-        The low initial noise, or what was learned from the high one.
+        The initial noise, which is low, or what was learned from the high one.
     """
+
+    def settled(learned: Learned, rounds: int) -> tuple[Learned, float]:
+        """What is learned in these rounds, and the evidence of the groups that it makes."""
+        for _ in range(rounds):
+            learned, _ = _learn_round(boxes, scene, learned, settings)
+        return learned, _learn_round(boxes, scene, learned, settings)[1]
+
     highest = settings.angular_noise_range[1]
-    paths, evidence = [], [0.0, 0.0]
-    for k, angular in enumerate((settings.angular_noise, 2 * highest)):
-        path = [start._replace(noise=replace(start.noise, angular=np.asarray(angular)))]
-        for _ in range(START_ROUNDS[k] + 1):
-            learned, evidence[k] = _learn_round(boxes, scene, path[-1], settings)
-            path.append(learned)
-        paths.append(path)
-    low, high = paths[0][0], paths[1][START_ROUNDS[1]]
+    vague = start._replace(noise=replace(start.noise, angular=np.array(2 * highest)))
+    _, evidence = settled(start, START_ROUNDS[0])
+    high, evidence_of_high = settled(vague, START_ROUNDS[1])
     # From too few people nothing is learned, and the high start is not an estimate.
-    vague = evidence[1] > settings.far_more_evidence * evidence[0]
-    return high if vague and high.noise.angular <= highest else low
+    is_vague = evidence_of_high > settings.far_more_evidence * evidence
+    return high if is_vague and high.noise.angular <= highest else start
 
 
 def _subset(detections: Detections, limit: int) -> Detections:

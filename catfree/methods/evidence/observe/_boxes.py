@@ -142,10 +142,7 @@ def prepare_boxes(
     Returns:
         Arrays in an order that does not depend on the input order.
     """
-    registered = np.asarray(rig.registered)
-    usable = (detections.camera < rig.camera_count) & registered[
-        np.minimum(detections.camera, rig.camera_count - 1)
-    ]
+    usable = np.isin(detections.camera, np.flatnonzero(rig.registered))
     rows = np.flatnonzero(usable if keep is None else usable & keep)
     box = np.asarray(detections.box, np.float64)
     keys = [box[rows, i] for i in (3, 2, 1, 0)] + [detections.camera[rows], detections.frame[rows]]
@@ -235,7 +232,7 @@ def _row_table(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndar
     """(F, C, B) rows of each frame and camera; the input is sorted by frame, then camera."""
     key = frame * C + camera
     start = np.searchsorted(key, np.arange(F * C))
-    slot = np.arange(len(key)) - start[key] if len(key) else np.zeros(0, int)
+    slot = np.arange(len(key)) - start[key]
     table = np.full((F * C, slot.max(initial=0) + 1), -1)
     table[key, slot] = np.arange(len(key))
     return table.reshape(F, C, table.shape[1])

@@ -135,14 +135,6 @@ def usual_heights(
     return heights
 
 
-def rate_before_counting(
-    heights: Float[np.ndarray, "cam 2"], settings: EvidenceSettings
-) -> DetectionRate:
-    """The detection rate that is assumed of every camera as long as nobody was counted."""
-    nobody = np.zeros((len(heights), 3, 5))
-    return rate_of_counts(heights, nobody, nobody, settings)
-
-
 def count_detections(
     visibility: Views,
     member: np.ndarray,

@@ -8,11 +8,7 @@ from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.observe._visibility import expected_views
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._uneven_ground import ground_shift, usual_shift
-from catfree.methods.evidence.report._working_area import (
-    design_sigma,
-    in_working_area,
-    whole_views,
-)
+from catfree.methods.evidence.report._working_area import coverage_of, in_working_area
 from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.settings import EvidenceSettings
 from catfree.types import Fate
@@ -27,25 +23,21 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
     shift = usual_shift(trails, shift, settings.gap)
     covariance, sharp = sharp_positions(trails.covariance, shift, state.probability, settings)
     alone = suppress_overlapping_tracks(trails, state.evidence, sharp, settings.personal_space)
-    rows, sigma, whole = np.flatnonzero(alone), state.design_sigma.copy(), state.whole_views.copy()
+    rows, coverage = np.flatnonzero(alone), np.full((len(trails), 2), np.nan)
     place, frame = trails.mean[rows, :3], trails.frame[rows]
     visibility = expected_views(place, frame, boxes, views, settings)
-    sigma[rows], whole[rows] = (
-        design_sigma(place, visibility, views, state.noise),
-        whole_views(visibility, settings),
-    )
+    coverage[rows] = coverage_of(place, visibility, views, state.noise, settings)
     covered = np.ones(len(rows), bool)
     if settings.working_area:
         cameras = len(np.unique(boxes.camera))
-        covered = in_working_area(place[:, :2], sigma[rows], whole[rows], cameras, settings)
+        covered = in_working_area(place[:, :2], coverage[rows], cameras, settings)
     fate = np.where(state.probability > 0.5, Fate.UNCERTAINTY_FILTER, Fate.TRACKING)
     fate[sharp] = Fate.SUPPRESSED
     fate[rows] = np.where(covered, Fate.ACCEPTED, Fate.WORKING_AREA)
     return replace(
         state,
         position_covariance=covariance,
-        design_sigma=sigma,
-        whole_views=whole,
+        coverage=coverage,
         fate=fate,
         identity=np.where(fate == Fate.ACCEPTED, trails.track, -1),
     )

@@ -1,15 +1,44 @@
 """Group the boxes of each frame into people, with the priors of those who are expected."""
 
-from dataclasses import replace
+import numpy as np
 
 from catfree.methods.evidence._state import EvidenceState, with_groups
 from catfree.methods.evidence.group._group import group
-from catfree.methods.evidence.group._groups import no_priors
+from catfree.methods.evidence.group._groups import Priors, priors_of
+from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.settings import EvidenceSettings
 
 
-def group_boxes(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
-    """Group all boxes anew, and forget the priors."""
+def group_boxes(
+    state: EvidenceState, settings: EvidenceSettings, expected: Priors | None = None
+) -> EvidenceState:
+    """Group all boxes anew; the tracks so far say where people are expected.
+
+    Args:
+        state: the boxes, and tracks if there are any.
+        settings: constants and switches.
+        expected: where people are expected; `expected_people` if None.
+    """
+    if expected is None:
+        expected = expected_people(state, settings)
     observations = state.boxes, state.measurements, state.noise
-    groups = group(*observations, settings.gate, state.priors, state.ratios)
-    return replace(with_groups(state, groups), priors=no_priors())
+    return with_groups(state, group(*observations, settings.gate, expected, state.ratios))
+
+
+def expected_people(state: EvidenceState, settings: EvidenceSettings) -> Priors:
+    """Smoothed positions of tracked people, without the measurements of the frame itself."""
+    trails, info, noise = state.trails, state.groups.info, state.noise
+    alone = suppress_overlapping_tracks(
+        trails, state.evidence, state.probability > 0.5, settings.personal_space
+    )
+    rows = np.flatnonzero(alone)
+    rows = rows[np.lexsort((trails.track[rows], trails.frame[rows]))]
+    precision = np.linalg.inv(trails.covariance[rows, :3, :3])
+    vector = np.einsum("nij,nj->ni", precision, trails.mean[rows, :3])
+    group_of = trails.group[rows]
+    is_detected = group_of >= 0
+    precision[is_detected] -= info.matrix[group_of[is_detected]]
+    vector[is_detected] -= info.vector[group_of[is_detected]]
+    return priors_of(
+        trails.frame[rows], precision, vector, float(noise.density), float(noise.spread)
+    )

@@ -7,7 +7,7 @@ What a wrong lens adds begins with the third power of the distance, along the ra
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from catfree.methods.evidence._huber_regression import huber_regression
 from catfree.methods.evidence._state import EvidenceState
@@ -52,12 +52,11 @@ def lens_pattern(
     return float(coefficients[-1]), float(np.sqrt(covariance[-1, -1]))
 
 
-def lens_bends(chosen: Int[np.ndarray, " g"], state: EvidenceState) -> Float[np.ndarray, " cam"]:
+def lens_bends(state: EvidenceState) -> Float[np.ndarray, " cam"]:
     """Measure how far the lens of each camera bends otherwise than the rig says.
 
     Args:
-        chosen: (g,) groups that are people.
-        state: with these groups.
+        state: with the people to report.
 
     Returns:
         (C,) angle by which people near the border of the image are off the places where the others
@@ -65,6 +64,7 @@ def lens_bends(chosen: Int[np.ndarray, " g"], state: EvidenceState) -> Float[np.
         distance from the middle.
     """
     groups, boxes, views = state.groups, state.boxes, state.views
+    chosen = state.trails.group[state.shown]
     strong = chosen[(groups.member[chosen] >= 0).sum(1) >= FEWEST_CAMERAS]
     by_end = np.array([[0, 1], [0, 2]])
     bend = np.zeros(groups.member.shape[1])

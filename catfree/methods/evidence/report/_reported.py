@@ -20,7 +20,7 @@ class Reported(NamedTuple):
         position_covariance: (n, 2, 2) with sway, uneven ground and pose errors.
         existence: (n,) probability.
         support: (n, C) rows of the caller's detections, or -1.
-        place: (n, 2) design uncertainty, and number of whole views.
+        coverage: (n, 2) as in `EvidenceState`.
     """
 
     frame: Int[np.ndarray, " n"]
@@ -30,7 +30,7 @@ class Reported(NamedTuple):
     position_covariance: Float[np.ndarray, "n 2 2"]
     existence: Float[np.ndarray, " n"]
     support: Int[np.ndarray, "n cam"]
-    place: Float[np.ndarray, "n 2"]
+    coverage: Float[np.ndarray, "n 2"]
 
 
 def no_rows(cameras: int) -> Reported:
@@ -78,6 +78,6 @@ def tracks_of(
         velocity=rows.mean[:, 3:] * pace,
         velocity_covariance=symmetrized(rows.covariance[:, 3:, 3:]) * pace**2,
         clock=clock,
-        design_sigma=rows.place[:, 0] * unit,
-        whole_views=rows.place[:, 1].astype(np.int64),
+        design_sigma=rows.coverage[:, 0] * unit,
+        whole_views=rows.coverage[:, 1].astype(np.int64),
     )

@@ -34,12 +34,10 @@ class Explained(NamedTuple):
             what they reach by chance; negative if less.
         coefficient: (3,) of the clock (usual steps by which the camera is late), and of the move
             (pixels across and down).
-        variance: () mean square of the standardized residuals without constant offsets.
     """
 
     share: Float[np.ndarray, "*cam 2"]
     coefficient: Float[np.ndarray, "*cam 3"]
-    variance: Float[np.ndarray, "*cam"]
 
 
 def explained(
@@ -84,8 +82,7 @@ def explained(
         weight = np.linalg.inv(inverse[group, group])
         saved = beta[group] @ weight @ beta[group]
         shares.append((saved - np.trace(weight @ spread[group, group])) / total)
-    variance = total / max(int(present.sum()), 1)
-    return Explained(np.array(shares) * (free > 0), (beta / scale)[3:], np.array(variance))
+    return Explained(np.array(shares) * (free > 0), (beta / scale)[3:])
 
 
 class Patterns(NamedTuple):
@@ -140,7 +137,7 @@ class Patterns(NamedTuple):
 def residual_patterns(state: EvidenceState) -> Patterns | None:
     """Search the residuals of the reported people for patterns; None if nobody is seen twice."""
     trails, groups, measurements = state.trails, state.groups, state.measurements
-    rows = np.flatnonzero(state.kept & (trails.group >= 0))
+    rows = state.shown
     rows = rows[(groups.member[trails.group[rows]] >= 0).sum(1) >= 2]
     if not len(rows):
         return None

@@ -50,14 +50,11 @@ def shared_covariance(
         Cameron and Miller, "A practitioner's guide to cluster-robust inference" (2015), section VI.
     """
     trails, boxes, views = state.trails, state.boxes, state.views
-    rows = np.flatnonzero(state.kept & (trails.group >= 0))
-    none = np.zeros((len(trails), 2, 2))
-    if len(rows) == 0:
-        return none
+    rows = state.shown
     member = state.groups.member[trails.group[rows]]
     scatter = offset_scatter(member, state, settings)
     if scatter is None:
-        return none
+        return np.zeros((len(trails), 2, 2))
     middle = trails.mean[rows, :2].mean(0)
     modes = map_modes(trails.mean[:, :3], middle)
     normal, lever = mode_sums(

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Num
+from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from catfree.geometry._person import edge_deviation
@@ -18,10 +18,18 @@ from catfree.types._sampling import evenly_spread
 MOST_SAMPLES = 16384  # positions that teach what is usual
 
 
-def design_sigma(
-    state: np.ndarray, visibility: Views, views: GroundViews, noise: Noise
-) -> Float[np.ndarray, " person"]:
-    """Ground uncertainty of a person without occlusion, in H0."""
+def coverage_of(
+    state: np.ndarray,
+    visibility: Views,
+    views: GroundViews,
+    noise: Noise,
+    settings: EvidenceSettings,
+) -> Float[np.ndarray, "person 2"]:
+    """How well the rig covers the places of people, if nobody hides them.
+
+    Returns:
+        (n, 2) ground uncertainty in H0, and number of images with the whole body.
+    """
     # Positions that no camera sees are vague, not undefined.
     info = np.tile(1e-6 * np.eye(3), (len(state), 1, 1))
     for camera, edge in enumerate(noise.edge):  # all slopes together would be large
@@ -33,13 +41,14 @@ def design_sigma(
         info += np.einsum("nki,nk,nkj->nij", slopes[..., :3], weight, slopes[..., :3])
     flat = Information(info, np.zeros(state.shape), np.zeros(len(state)))
     _, covariance = mean_and_covariance(flat, noise.spread)
-    return np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
+    sigma = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
+    whole = (np.asarray(visibility.share) >= settings.cover_edges[-1]).sum(1)
+    return np.column_stack([sigma, whole])
 
 
 def in_working_area(
     xy: Float[np.ndarray, "person 2"],
-    sigma: Float[np.ndarray, " person"],
-    whole: Int[np.ndarray, " person"],
+    coverage: Float[np.ndarray, "person 2"],
     cameras: int,
     settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " person"]:
@@ -52,26 +61,20 @@ def in_working_area(
 
     Args:
         xy: (n, 2) positions in H0.
-        sigma: (n,) result of `design_sigma`.
-        whole: (n,) result of `whole_views`.
+        coverage: (n, 2) result of `coverage_of`.
         cameras: number of cameras that see any people: the size of the rig.
         settings: constants.
 
     Returns:
         (n,) whether the position is in the area.
     """
-    if len(sigma) == 0:
+    if len(xy) == 0:
         return np.zeros(0, bool)
-    return usual_place(xy, sigma, whole, settings).holds(sigma, whole, cameras, settings)
-
-
-def whole_views(visibility: Views, settings: EvidenceSettings) -> Int[np.ndarray, " person"]:
-    """Number of images with the whole body of each person."""
-    return (np.asarray(visibility.share) >= settings.cover_edges[-1]).sum(1)
+    return usual_place(xy, coverage, settings).holds(coverage, cameras, settings)
 
 
 class UsualPlace(NamedTuple):
-    """How well people are seen in the places where they go.
+    """How well the rig covers the places where people go.
 
     Attributes:
         sigma: median design uncertainty, in the unit of what it was learned from.
@@ -82,13 +85,10 @@ class UsualPlace(NamedTuple):
     whole: float
 
     def holds(
-        self,
-        sigma: Float[np.ndarray, " person"],
-        whole: Num[np.ndarray, " person"],
-        cameras: int,
-        settings: EvidenceSettings,
+        self, coverage: Float[np.ndarray, "person 2"], cameras: int, settings: EvidenceSettings
     ) -> Bool[np.ndarray, " person"]:
-        """Mark the places in the area by their uncertainty and number of images, (n,)."""
+        """Mark the places in the area by how well the rig covers them, (n,)."""
+        sigma, whole = coverage.T
         enough = self.whole - whole < settings.missing_views * cameras
         enough |= (whole >= settings.witnesses) | (self.whole < settings.witnesses)
         return (np.log(sigma) <= np.log(self.sigma) + np.log(settings.working_sigma)) & enough
@@ -96,8 +96,7 @@ class UsualPlace(NamedTuple):
 
 def usual_place(
     xy: Float[np.ndarray, "person 2"],
-    sigma: Float[np.ndarray, " person"],
-    whole: Int[np.ndarray, " person"],
+    coverage: Float[np.ndarray, "person 2"],
     settings: EvidenceSettings,
 ) -> UsualPlace:
     """Learn from people, at least one; each place counts once, however long somebody stands there.
@@ -105,12 +104,10 @@ def usual_place(
     Args:
         xy: as `in_working_area`, of which an even sample is used if there are many; positions
             closer than `report_radius` share the weight of one.
-        sigma: as `in_working_area`.
-        whole: as `in_working_area`.
+        coverage: as `in_working_area`.
         settings: constants.
     """
-    some = evenly_spread(np.arange(len(sigma)), MOST_SAMPLES)
-    xy, sigma, whole = xy[some], sigma[some], whole[some]
+    xy, (sigma, whole) = evenly_spread(xy, MOST_SAMPLES), evenly_spread(coverage, MOST_SAMPLES).T
     weight = 1 / KDTree(xy).query_ball_point(xy, settings.report_radius, return_length=True)
     return UsualPlace(
         _quantile(sigma, 0.5, weight), _quantile(whole, 1 - settings.most_places, weight)
@@ -118,7 +115,7 @@ def usual_place(
 
 
 def _quantile(
-    values: Num[np.ndarray, " person"], share: float, weight: Float[np.ndarray, " person"]
+    values: Float[np.ndarray, " person"], share: float, weight: Float[np.ndarray, " person"]
 ) -> float:
     """The smallest value that a share of the weight does not exceed."""
     return float(np.quantile(values, share, weights=weight, method="inverted_cdf"))

@@ -93,10 +93,13 @@ def judge_groups(
     base = log_odds_without_clutter(groups.gain + agreement, member, probability, usual, settings)
     log_odds = base
     g, camera = np.nonzero(member >= 0)
-    at = camera * CELLS**2 + cell[member[g, camera]]
+    at, shape = camera * CELLS**2 + cell[member[g, camera]], (member.shape[1], CELLS, CELLS)
 
     def counted(log_odds: Float[np.ndarray, " group"]) -> Float[np.ndarray, "2 cam cells cells"]:
-        return count_clutter(at, expit(log_odds)[g], member.shape[1])
+        """Expected number of boxes of people, and of other boxes, as in `Existence`."""
+        is_person = expit(log_odds)[g]
+        parts = (np.bincount(at, p, np.prod(shape)) for p in (is_person, 1 - is_person))
+        return np.stack([part.reshape(shape) for part in parts]).astype(float)
 
     rounds = CLUTTER_ROUNDS if clutter is None else 1
     for _ in range(rounds * settings.local_clutter):
@@ -129,15 +132,6 @@ def log_odds_without_clutter(
     # Who was detected was visible, whatever was expected.
     rate = np.maximum(probability, settings.detection_rate_range[0])
     return gain + np.where(member >= 0, np.log(rate / usual), 0.0).sum(1)
-
-
-def count_clutter(
-    cell: Int[np.ndarray, " n"], probability: Float[np.ndarray, " n"], cameras: int
-) -> Float[np.ndarray, "2 cam cells cells"]:
-    """Expected number of boxes of people, and of other boxes, in every cell of every camera."""
-    shape = (cameras, CELLS, CELLS)
-    parts = (np.bincount(cell, p, np.prod(shape)) for p in (probability, 1 - probability))
-    return np.stack([part.reshape(shape) for part in parts]).astype(float)
 
 
 def clutter_at(

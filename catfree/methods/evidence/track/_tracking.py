@@ -365,6 +365,11 @@ def smooth(
     return trails, order
 
 
+def no_trails() -> Trails:
+    """No tracks."""
+    return unlinked(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+
+
 def unlinked(frame: np.ndarray, state: np.ndarray, covariance: np.ndarray) -> Trails:
     """Every group (frame (H,), state (H, 3), covariance (H, 3, 3)) as a track without velocity."""
     number = np.arange(len(frame))

@@ -12,9 +12,8 @@ from catfree.methods.evidence import solve
 from catfree.methods.evidence.learn._self_calibration import self_calibrate
 from catfree.methods.evidence.passes._add_pose_errors import add_pose_errors
 from catfree.methods.evidence.passes._choose_reported import choose_reported
-from catfree.methods.evidence.passes._expect_people import expect_people
 from catfree.methods.evidence.passes._follow_people import follow_people
-from catfree.methods.evidence.passes._group_boxes import group_boxes
+from catfree.methods.evidence.passes._group_boxes import expected_people, group_boxes
 from catfree.methods.evidence.passes._learn_looks import learn_looks
 from catfree.methods.evidence.passes._name_people import name_people
 from catfree.methods.evidence.passes._observe_boxes import observe_boxes
@@ -24,20 +23,19 @@ from catfree.types import Fate
 from tests.methods.evidence.evidence_worlds import make_rig, make_scene, walk
 
 RULES = EvidenceSettings()
-ROUND = (expect_people, group_boxes, weigh_groups, follow_people)
+ROUND = (group_boxes, weigh_groups, follow_people)
 ALL = (learn_looks, *ROUND * RULES.passes, choose_reported, name_people, add_pose_errors)
 PEOPLE, FRAMES = 6, 12
 OBSERVED = {"boxes", "views", "noise", "measurements", "ratios"}
 CHANGED = {
     learn_looks: {"ratios"},
-    expect_people: {
-        *("priors", "groups", "place", "existence", "trails", "evidence", "probability"),
+    group_boxes: {
+        *("groups", "place", "existence", "trails", "evidence", "probability"),
         # Of the rows of the tracks that are forgotten:
-        *("position_covariance", "design_sigma", "whole_views", "fate", "identity"),
+        *("position_covariance", "coverage", "fate", "identity"),
     },
-    group_boxes: {"groups", "place", "existence", "priors"},
     weigh_groups: {"rate", "existence"},
-    choose_reported: {"position_covariance", "design_sigma", "whole_views", "fate", "identity"},
+    choose_reported: {"position_covariance", "coverage", "fate", "identity"},
     name_people: {"identity"},
     add_pose_errors: {"position_covariance"},
 }
@@ -95,7 +93,7 @@ def test_a_pass_run_twice_changes_nothing_more():
 
 
 def test_new_groups_have_no_evidence_and_no_tracks_and_new_tracks_are_not_reported():
-    grouped, followed = states()[3], states()[5]
+    grouped, followed = states()[2], states()[4]
     assert len(grouped.groups) >= PEOPLE
     assert len(grouped.existence.log_odds) == len(grouped.place) == len(grouped.groups)
     assert (grouped.existence.log_odds == 0).all()
@@ -106,11 +104,11 @@ def test_new_groups_have_no_evidence_and_no_tracks_and_new_tracks_are_not_report
 
 
 def test_people_are_expected_once_there_are_tracks_and_the_tracks_are_forgotten():
-    followed, expecting, grouped = states()[5:8]
-    assert len(states()[2].priors.frame) == 0
-    assert len(followed.trails) >= len(expecting.priors.frame) >= PEOPLE * FRAMES * 0.9
-    assert len(expecting.trails) == len(expecting.groups) == 0
-    assert len(grouped.priors.frame) == 0
+    learned, followed, grouped = states()[1], *states()[4:6]
+    assert len(expected_people(learned, RULES).frame) == 0
+    expected = expected_people(followed, RULES)
+    assert len(followed.trails) >= len(expected.frame) >= PEOPLE * FRAMES * 0.9
+    assert len(grouped.trails) == 0
 
 
 def test_everybody_who_walked_is_reported_and_has_one_identity():

@@ -35,7 +35,6 @@ def test_noise_and_constant_offsets_have_no_pattern(seed):
     columns, block, noise = drawn(seed)
     found = explained(noise + np.array([1.0, -0.5, 0.3]), columns, block)
     assert (found.share < 0.03).all()
-    np.testing.assert_allclose(found.variance, (noise - noise.mean(0)).var(), rtol=0.2)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 1))
@@ -69,7 +68,6 @@ def test_without_residuals_there_is_no_pattern(rows):
     found = explained(np.zeros((rows, 3)), np.zeros((rows, 3, 6)), np.zeros(rows, int))
     assert (found.share == 0).all()
     assert (found.coefficient == 0).all()
-    assert found.variance < 1e-9
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 5))
@@ -100,7 +98,7 @@ def test_sentences_name_cameras_by_name_or_number():
     together[0, 1] = together[1, 0] = 0.0
     share, coefficient = np.zeros((3, 2)), np.zeros((3, 3))
     share[2], coefficient[2] = 0.9, (-2.0, 3.0, 4.0)
-    patterns = Patterns(Explained(share, coefficient, np.ones(3)), together)
+    patterns = Patterns(Explained(share, coefficient), together)
     for names, (first, second, third) in (
         (None, "012"),
         (["a", "b 0", "7"], ("'a'", "'b 0'", "'7'")),

@@ -11,10 +11,9 @@ from catfree.methods.evidence.observe._views import (
 )
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.methods.evidence.report._working_area import (
-    design_sigma,
+    coverage_of,
     in_working_area,
     usual_place,
-    whole_views,
 )
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
 
@@ -37,14 +36,18 @@ def judge(share, views: GroundViews, away, cameras=CAMERAS):
     _, front = people_in_cameras(state, views)
     seen = Views(front.astype(float), np.full_like(share, 100.0), 0 * share, share)
     noise = start_noise(share.shape[1], SETTINGS)
-    sigma = design_sigma(state, seen, views, noise)
-    whole = whole_views(seen, SETTINGS)
-    return in_working_area(apart(len(whole)), sigma, whole, cameras, SETTINGS)
+    coverage = coverage_of(state, seen, views, noise, SETTINGS)
+    return in_working_area(apart(len(coverage)), coverage, cameras, SETTINGS)
 
 
 def apart(count):
     """Positions of which no two are one place."""
     return np.column_stack([np.arange(count) + 0.5, np.zeros(count)])
+
+
+def covered(whole):
+    """Places equally well covered, but for the number of images with the whole body."""
+    return np.column_stack([np.full(len(whole), 0.02), whole])
 
 
 def shares(people):
@@ -107,7 +110,7 @@ def test_where_people_are_usually_in_few_images_two_are_enough():
 @pytest.mark.parametrize("cameras", [2, 4])
 def test_where_people_are_usually_in_fewer_than_three_images_nobody_is_excluded(cameras):
     whole = np.repeat([2, 0], [9, 1])
-    found = in_working_area(apart(10), np.full(10, 0.02), whole, cameras, SETTINGS)
+    found = in_working_area(apart(10), covered(whole), cameras, SETTINGS)
     assert found.all()
 
 
@@ -147,7 +150,7 @@ def test_a_place_far_off_is_vague():
 def test_a_few_people_close_to_a_camera_take_nobody_out(usual, close):
     sigma = np.array([*usual, *close])
     whole = np.full(len(sigma), 4)
-    assert in_working_area(apart(len(sigma)), sigma, whole, 4, SETTINGS).all()
+    assert in_working_area(apart(len(sigma)), np.column_stack([sigma, whole]), 4, SETTINGS).all()
 
 
 @pytest.mark.slow
@@ -159,12 +162,12 @@ def test_who_stands_for_long_counts_once(standing, again, spread):
     watching = 100.15 + spread * (rng.random((standing, 2)) - 0.5) / 2
     xy = np.concatenate([apart(20), watching])
     whole = np.repeat([4, 2], [20, standing])
-    found = in_working_area(xy, np.full(len(xy), 0.02), whole, 4, SETTINGS)
+    found = in_working_area(xy, covered(whole), 4, SETTINGS)
     np.testing.assert_array_equal(found, whole == 4)
     rows = rng.integers(0, len(xy), again)
-    same = usual_place(xy, np.full(len(xy), 0.02), whole, SETTINGS)
-    twice = np.concatenate([xy, xy[rows]]), np.full(len(xy) + again, 0.02)
-    assert usual_place(*twice, np.append(whole, whole[rows]), SETTINGS) == pytest.approx(same)
+    same = usual_place(xy, covered(whole), SETTINGS)
+    twice = np.concatenate([xy, xy[rows]]), covered(np.append(whole, whole[rows]))
+    assert usual_place(*twice, SETTINGS) == pytest.approx(same)
 
 
 @pytest.mark.slow

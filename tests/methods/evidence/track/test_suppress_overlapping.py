@@ -127,7 +127,7 @@ def in_camps(personal_space, by_looks):
     world = make_world("gmvd6", 0, frames=8, detector=looks)
     rules = EvidenceSettings(personal_space=personal_space, link_by_looks=by_looks)
     solution = solve(world.detections, world.scene, rules)
-    return solution, describe(solution, world.scene, rules, detection_count=len(world.detections))
+    return solution, describe(solution, world.detections, world.scene, rules)
 
 
 def pairs_in_one_place(solution):
