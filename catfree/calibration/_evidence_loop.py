@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from catfree.calibration._confident_people import confident_people
-from catfree.calibration._refinement import SAME_RESIDUAL
 from catfree.calibration.people import (
     Calibration,
     places_for,
@@ -32,7 +31,7 @@ FEWEST_TO_JUDGE = 3  # with three cameras, two that agree expose the third
 RESTING = 0.2  # standard deviations; a smaller move adds two percent to a camera's error
 ROUNDS = 6  # a rig hides a part of a lag, which shows after the rest is corrected
 AGAIN = 0.5  # `WHOLE_FRAME` of a camera that was late before
-GAIN = 0.02  # in `_information`, that all corrections together must bring
+GAIN = 0.02  # relative difference of `_information` below which rigs count as equal
 
 
 @dataclass(frozen=True)
@@ -127,25 +126,23 @@ class EvidenceLoop:
         return best
 
     def refine(self, calibration: Calibration) -> Calibration:
-        """Refine in rounds until the cameras stop moving; discard a round that raises the residual.
+        """Refine in rounds until the cameras stop moving; discard a round that loses information.
 
-        The residual alone does not indicate convergence: as people become more certain, cameras
-        move by most of their standard deviation while the residual hardly falls. It may rise when
-        more boxes fit, as those of a camera that comes to its place. The residual of the given rig
-        is not comparable, because it refers to other boxes with other deviations.
+        Information alone does not indicate convergence: as people become more certain, cameras move
+        by most of their standard deviation while it hardly rises. That of the given rig is not
+        comparable, because it refers to other boxes with other deviations.
         """
         rounds = self.settings.calibration.evidence_rounds
-        best, residual = calibration, np.inf
+        best, least = calibration, 0.0
         for done in range(rounds):
             self.report("refinement", done, rounds)
             refined = self.refine_once(best)
             if refined is None:
                 break
-            fits_more = refined.sightings.sum() > (1 + SAME_RESIDUAL) * best.sightings.sum()
-            if refined.residual > (1 + SAME_RESIDUAL) * residual and not fits_more:
+            if (1 + GAIN) * _information(refined) < least:
                 break
             moved = largest_move(best, refined)
-            best, residual = refined, refined.residual
+            best, least = refined, _information(refined)
             if moved < RESTING:
                 break
         self.report("refinement", rounds, rounds)
