@@ -98,7 +98,7 @@ def simulate_walkers(
     Args:
         area: evaluation area (x_min, x_max, y_min, y_max) in meters.
         frames: number of frames T.
-        people: number of people in or around the area at any time; those who leave are replaced.
+        people: usual number of people in or around the area; those who leave are replaced.
         background: number of bystanders outside the area.
         fps: frames per second.
         seed: determines all random draws.

@@ -84,7 +84,7 @@ def make_world(
         layout: a name for `make_layout` or a layout.
         seed: determines all random draws.
         frames: number of frames.
-        people: number of people in the area at a time; None: the layout's usual number.
+        people: usual number of people in or around the area; None: that of the layout.
         background: number of bystanders outside the area; None: a third of `people`.
         columns: (K, 4) x, y, radius and height in meters of static occluders, which people walk
             around, or None.
