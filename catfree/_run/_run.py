@@ -40,6 +40,7 @@ from catfree.adapters.protocols import (
     SceneSource,
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.adapters.video._validate_plugin_output import require_part
 from catfree.calibration import Calibration
 from catfree.calibration.people import Anchor, resolve_anchors
 from catfree.errors import InvalidInputError, quoted
@@ -239,10 +240,8 @@ def run_stages(
     scene, scene_names = scene_of(scene, scene_names)
     stages = {"detector": detector, "embedder": embedder, "reconstructor": reconstructor}
     for name, stage in stages.items():
-        if not (stage is None or callable(stage) or hasattr(stage, "fit")):
-            raise InvalidInputError(
-                f"{name} must be a callable such as those of catfree.adapters, got {quoted(stage)}."
-            )
+        if stage is not None:
+            require_part(stage, name)
     if scene is not None and reconstructor is not None:
         raise InvalidInputError("Pass a scene or a reconstructor, not both.")
     if (anchors or maximum_offset) and (scene is not None or reconstructor is not None):

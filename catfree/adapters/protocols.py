@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from catfree.errors import InvalidInputError
 from catfree.types import Scene
-from catfree.types._validation import as_float, as_rows, require_boxes
+from catfree.types._validation import as_float, as_rows, require_boxes, require_shape
 from catfree.types.results._reconstruction import Reconstruction as Reconstruction
 
 Image = UInt8[np.ndarray, "_ _ 3"]
@@ -198,8 +198,13 @@ def ankles_confirmed(
 
     Returns:
         (n,) true where the left and the right ankle are both confident.
+
+    Raises:
+        InvalidInputError: if keypoints have another shape.
     """
-    confidence = keypoints[:, [LEFT_ANKLE, RIGHT_ANKLE], 2].min(axis=-1)
+    points = np.asarray(as_float(keypoints))
+    require_shape(points, (None, 17, 3), "keypoints")
+    confidence = points[:, [LEFT_ANKLE, RIGHT_ANKLE], 2].min(axis=-1)
     return np.asarray(confidence >= minimum_confidence)
 
 

@@ -80,6 +80,7 @@ def weighted_support(
     """
     weights = as_floating(weights)
     rays = index if is_traced(index) else as_integer(index, "index")
+    require_shape(weights, (None, None), "weights")
     require_shape(rays, weights.shape[:1], "index")
     if not is_traced(rays) and ((rays < -1) | (rays >= weights.shape[1])).any():
         raise InvalidInputError(

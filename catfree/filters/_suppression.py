@@ -43,7 +43,7 @@ def suppress(
     Source: paper, Sec. "Selecting pedestrian positions", duplicate removal.
     """
     positions, priority = as_floating(positions), as_floating(priority)
-    count = positions.shape[0]
+    count = positions.size // 2
     one_each = priority.ndim in (1, 2) and priority.shape[0] == count and priority.size >= count
     if positions.shape != (count, 2) or not one_each:
         raise InvalidInputError(

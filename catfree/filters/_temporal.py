@@ -39,6 +39,7 @@ def frames_of_pairs(
         InvalidInputError: if an argument is of another kind or shape.
     """
     frame, tracklet = as_integer(frame, "frame"), as_integer(tracklet, "tracklet")
+    require_shape(frame, (None,), "frame")
     require_shape(tracklet, (len(frame), None), "tracklet")
     count, cameras = tracklet.shape
     longest = np.zeros(count, np.int64)
@@ -80,6 +81,7 @@ def temporally_consistent(
     Raises:
         InvalidInputError: if an argument is of another kind or shape.
     """
+    require_shape(frame, (None,), "frame")
     counted = np.ones(len(frame), bool) if where is None else _as_mask(where, len(frame))
     least = as_count(minimum_frames, "minimum_frames")
     return counted & ((frames_of_pairs(frame, tracklet, counted) >= least) | (least <= 1))

@@ -47,10 +47,10 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
 def require_vectors(length: int, **vectors: Any) -> None:
     """Raise unless each array is one vector of this length: several would broadcast unnoticed."""
     for name, vector in vectors.items():
-        if vector.shape != (length,):
+        if np.shape(vector) != (length,):
             raise InvalidInputError(
-                f"{name} must have shape ({length},), got {vector.shape}. Use jax.vmap to apply "
-                "the function to several at once."
+                f"{name} must have shape ({length},), got {np.shape(vector)}. Use jax.vmap to "
+                "apply the function to several at once."
             )
 
 

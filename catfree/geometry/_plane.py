@@ -187,6 +187,8 @@ def fit_plane_ransac(
     count = as_count(iterations, "iterations", least=1)
     if toward is not None:
         require_vectors(3, toward=toward)
+    if threshold is not None:
+        require_shape(threshold, (), "threshold")
     if threshold is not None and not is_traced(threshold) and not threshold >= 0:
         raise InvalidInputError(f"threshold is {threshold}; it must be a length, 0 or more.")
     if points.shape[0] == 0:

@@ -209,7 +209,7 @@ def nearest_rotation(matrix: Real[HostOrDevice, "dim dim"]) -> Float[Array, "dim
         point patterns", the lemma.
     """
     (matrix,) = float_arrays(matrix)
-    require_shape(matrix, 2 * matrix.shape[:1], "matrix")
+    require_shape(matrix, (None, *matrix.shape[:1]), "matrix")
     fixed = jax.lax.stop_gradient(matrix)
     left, values, right = jnp.linalg.svd(fixed)
     sign = jnp.where(jnp.linalg.det(left) * jnp.linalg.det(right) < 0, -1, 1).astype(matrix.dtype)

@@ -10,6 +10,7 @@ from catfree.geometry._arrays import (
     epsilon,
     float_arrays,
     require_rays,
+    require_vectors,
     safe_norm,
     tiny,
 )
@@ -50,7 +51,9 @@ def information(
     position, origins, directions, weights, sigma_theta = float_arrays(
         position, origins, directions, weights, sigma_theta
     )
+    require_vectors(3, position=position)
     require_rays(origins, directions, weights)
+    require_shape(sigma_theta, (), "sigma_theta")
     present = weights > 0  # false for NaN too
     sight = jnp.where(present[:, None], position[None, :] - origins, 0)
     spread = sigma_theta * safe_norm(sight)

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from catfree.geometry._similarity import Similarity, transform_scene
+from catfree.synthetic._walkers import seeded
 from catfree.types import Plane, Rig, Scene
 
 
@@ -54,7 +55,7 @@ def disturb(
     Returns:
         The disturbed rig.
     """
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     cameras = rig.camera_count
     axis = _directions(rng, cameras)
     shift = centre * _directions(rng, cameras)
@@ -89,7 +90,7 @@ def disturb_ground(
     Returns:
         The disturbed plane.
     """
-    rng = np.random.default_rng([seed, 1])
+    rng = seeded(seed, 1)
     bearing, sign = rng.uniform(0, 2 * np.pi), rng.choice([-1.0, 1.0])
     basis = np.asarray(ground.basis)
     axis = basis @ np.array([np.cos(bearing), np.sin(bearing)])
@@ -109,7 +110,7 @@ def arbitrary_gauge(scene: Scene, seed: int = 0) -> tuple[Scene, Similarity]:
     Returns:
         The transformed scene, not metric, and the similarity from the old frame to the new one.
     """
-    rng = np.random.default_rng([seed, 2])
+    rng = seeded(seed, 2)
     scale = float(np.exp(rng.uniform(np.log(0.02), np.log(2.0))))
     quaternion = rng.standard_normal(4)  # uniform over rotations after normalization
     rotation = Rotation.from_quat(quaternion).as_matrix()

@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError, quoted
-from catfree.synthetic._walkers import Area, middle_and_half
+from catfree.synthetic._walkers import Area, middle_and_half, seeded
 from catfree.types import Lens, Rig, Scene
 from catfree.types._scene import metric_scene
+from catfree.types._validation import as_count
 
 # Self-calibration may try 0.5, 0.7 and 0.9 image widths first. Focal lengths are drawn between
 # these bounds and at least 6 % away from each guess, so that no guess is right by chance.
@@ -75,7 +76,8 @@ def ring(
     Returns:
         The layout; the cameras stand 1 to 3 m outside the square's inscribed circle.
     """
-    rng = np.random.default_rng([seed, cameras])
+    cameras = as_count(cameras, "cameras", least=1)
+    rng = seeded(seed, cameras)
     bearing = 2 * np.pi * (np.arange(cameras) + rng.uniform(-0.2, 0.2, cameras)) / cameras
     bearing = bearing + rng.uniform(0, 2 * np.pi)
     radius = side / 2 + rng.uniform(1.0, 3.0, cameras)
@@ -102,7 +104,7 @@ def wildtrack_like(seed: int = 0) -> Layout:
 
     Source: extent, number of cameras and frame rate of WildTrack (Chavdarova et al. 2018).
     """
-    rng = np.random.default_rng([seed, 7])
+    rng = seeded(seed, 7)
     area = (-6.0, 6.0, -18.0, 18.0)
     beside = np.array([-1, 1, -1, 1, -1]) * (6 + rng.uniform(1.0, 4.0, 5))
     along = np.linspace(-17, 4, 5) + rng.uniform(-1.5, 1.5, 5)
@@ -131,7 +133,7 @@ def multiviewx_like(seed: int = 0) -> Layout:
 
     Source: extent, number of cameras and frame rate of MultiviewX (Hou et al. 2020).
     """
-    rng = np.random.default_rng([seed, 16])
+    rng = seeded(seed, 16)
     area = (-8.0, 8.0, -12.5, 12.5)
     return _around("multiviewx", rng, area, 6, height=(2.0, 3.0), people=37)
 
@@ -148,7 +150,8 @@ def gmvd_like(seed: int = 0, *, cameras: int = 6) -> Layout:
 
     Source: numbers of cameras of scene 5 of GMVD (Vora et al. 2023), configurations 1 and 2.
     """
-    rng = np.random.default_rng([seed, 5, cameras])
+    cameras = as_count(cameras, "cameras", least=1)
+    rng = seeded(seed, 5, cameras)
     area = (-10.0, 10.0, -12.0, 12.0)
     return _around(f"gmvd{cameras}", rng, area, cameras, height=(4.0, 6.0), people=33)
 
@@ -165,7 +168,7 @@ def shop(seed: int = 0, *, fisheye: bool = True) -> Layout:
     Returns:
         The layout in meters.
     """
-    rng = np.random.default_rng([seed, 99])
+    rng = seeded(seed, 99)
     half = np.array([6.0, 4.5])
     corner = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     aim = 0.35 * corner + rng.normal(0, 0.3, (4, 2))
@@ -199,12 +202,14 @@ def make_layout(name: str, seed: int = 0) -> Layout:
         The layout in meters.
 
     Raises:
-        InvalidInputError: if there is no layout of that name.
+        InvalidInputError: if there is no layout of that name, or the seed is not a whole number, 0
+            or more.
     """
-    if name in LAYOUTS:
-        return LAYOUTS[name](seed)
-    count = name.removeprefix("ring")
-    if name.startswith("ring") and count.isdecimal() and len(count) < 5 and int(count) >= 2:
+    text = name if isinstance(name, str) else ""
+    if text in LAYOUTS:
+        return LAYOUTS[text](seed)
+    count = text.removeprefix("ring")
+    if text.startswith("ring") and count.isdecimal() and len(count) < 5 and int(count) >= 2:
         return ring(int(count), seed=seed)
     raise InvalidInputError(
         f"There is no layout {quoted(name)}. Use one of {', '.join(LAYOUTS)}, or ringN with N >= 2."

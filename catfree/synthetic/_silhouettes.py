@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.geometry.camera import pixels_of_points
 from catfree.synthetic._walkers import Walkers
 from catfree.types import Rig
+from catfree.types._validation import as_rows
 
 NEAREST = 0.5  # meters in front of a camera below which nothing is seen
 
@@ -133,7 +134,7 @@ def cast_silhouettes(
     # Of a long sequence, few people are present in a frame.
     frame, person = np.nonzero(walkers.present)
     points = body_points(walkers, frame, person)
-    fixed = _column_points(np.zeros((0, 4)) if columns is None else np.asarray(columns))
+    fixed = _column_points(as_rows([] if columns is None else columns, 4, "columns"))
     views = [
         _observe_one(walkers, frame, person, points, fixed, rig, c) for c in range(rig.camera_count)
     ]

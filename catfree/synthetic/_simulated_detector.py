@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import expit, ndtr
 
 from catfree.synthetic._silhouettes import ROWS, Silhouettes, cast_silhouettes
-from catfree.synthetic._walkers import Walkers
+from catfree.synthetic._walkers import Walkers, seeded
 from catfree.types import Detections, Rig
 
 FALSE_POSITIVE = -1  # identity of a detection that shows no person
@@ -83,7 +83,7 @@ def detect(
         Detections sorted by frame, then camera, and (N,) the person in each, -1 for no person.
     """
     model = DetectorModel() if model is None else model
-    rng = np.random.default_rng([seed, 3])
+    rng = seeded(seed, 3)
     bodies = cast_silhouettes(walkers, rig, columns)
     detected = _draw_detected(rng, bodies, walkers, rig.camera_count, model)
     visible, person = bodies.visible[detected], bodies.person[detected]

@@ -39,6 +39,15 @@ def middle_and_half(area: Area) -> tuple[Float[np.ndarray, "2"], Float[np.ndarra
     return (low + high) / 2, (high - low) / 2
 
 
+def seeded(seed: int, *stream: int) -> np.random.Generator:
+    """Return the generator of one of the random streams of a seed.
+
+    Raises:
+        InvalidInputError: if the seed is not a whole number, 0 or more.
+    """
+    return np.random.default_rng([as_count(seed, "seed", least=0), *stream])
+
+
 @dataclass(frozen=True)
 class Walkers:
     """T frames of P people in meters on the ground z = 0, dense in time and person.
@@ -98,7 +107,7 @@ def simulate_walkers(
     Args:
         area: evaluation area (x_min, x_max, y_min, y_max) in meters.
         frames: number of frames T.
-        people: number of people in or around the area at any time; those who leave are replaced.
+        people: usual number of people in or around the area; those who leave are replaced.
         background: number of bystanders outside the area.
         fps: frames per second.
         seed: determines all random draws.
@@ -120,7 +129,7 @@ def simulate_walkers(
     background = as_count(background, "background", least=0)
     places = as_rows([] if obstacles is None else obstacles, 3, "obstacles").astype(np.float64)
     require_finite(places, "obstacles")
-    rng = np.random.default_rng(as_count(seed, "seed", least=0))
+    rng = seeded(seed)
     group, start, leave, is_background = _schedule(
         rng, people, background, duration=frames / fps, stay=as_duration(stay, "stay")
     )

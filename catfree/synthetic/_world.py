@@ -17,6 +17,7 @@ from catfree.synthetic._layouts import Layout, make_layout
 from catfree.synthetic._simulated_detector import DetectorModel, detect
 from catfree.synthetic._walkers import Area, Walkers, simulate_walkers
 from catfree.types import Detections, Rig, Scene
+from catfree.types._validation import as_rows, require_instance
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def make_world(
         layout: a name for `make_layout` or a layout.
         seed: determines all random draws.
         frames: number of frames.
-        people: number of people in the area at a time; None: the layout's usual number.
+        people: usual number of people in or around the area; None: that of the layout.
         background: number of bystanders outside the area; None: a third of `people`.
         columns: (K, 4) x, y, radius and height in meters of static occluders, which people walk
             around, or None.
@@ -96,10 +97,15 @@ def make_world(
 
     Returns:
         The world.
+
+    Raises:
+        InvalidInputError: if there is no such layout, columns have another shape, or as
+            `simulate_walkers`.
     """
     layout = make_layout(layout, seed) if isinstance(layout, str) else layout
+    require_instance(layout, Layout, "layout")
     people = layout.people if people is None else people
-    columns = np.zeros((0, 4)) if columns is None else np.asarray(columns, np.float64)
+    columns = as_rows([] if columns is None else columns, 4, "columns").astype(np.float64)
     walkers = simulate_walkers(
         layout.area,
         frames=frames,

@@ -381,8 +381,10 @@ def _camera_indices(cameras: np.ndarray, names: Sequence[str] | None) -> np.ndar
                 "in the order of the scene's cameras."
             )
         return as_integer(cameras, "camera")
-    if isinstance(names, str):
-        raise InvalidInputError("camera_names must be a sequence of names, not one text.")
+    if isinstance(names, str | set | frozenset) or not hasattr(names, "__len__"):
+        raise InvalidInputError(
+            f"camera_names must be a list of names in order, got {quoted(names)}."
+        )
     index = {str(name): at for at, name in enumerate(names)}
     if len(index) < len(names):
         raise InvalidInputError(

@@ -140,9 +140,13 @@ class GeoReference:
         Args:
             xy: (A, 2) ground coordinates.
             longitude_latitude: (A, 2) degrees of the same points.
+
+        Raises:
+            InvalidInputError: if their numbers differ, or as `to_xy`.
         """
-        difference = self.to_xy(longitude_latitude) - np.asarray(as_float(xy), np.float64)
-        return self.meters_per_unit * np.linalg.norm(difference, axis=-1)
+        points, places = np.asarray(as_float(xy), np.float64), self.to_xy(longitude_latitude)
+        require_shape(points, places.shape, "xy")
+        return self.meters_per_unit * np.linalg.norm(places - points, axis=-1)
 
     @property
     def _turn(self) -> Float[np.ndarray, "2 2"]:

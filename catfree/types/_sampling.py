@@ -25,7 +25,7 @@ def select_rows(record: T, count: int, rows: Any) -> T:
     """
     try:
         chosen = np.arange(count)[rows].reshape(-1)
-    except IndexError as error:
+    except (IndexError, ValueError) as error:
         if isinstance(rows, int):
             raise  # Python ends an iteration by it
         raise InvalidInputError(

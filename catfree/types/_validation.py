@@ -346,7 +346,7 @@ def as_registered(registered: Any, cameras: int) -> Bool[np.ndarray, " cam"]:
 
 def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
     """Raise unless `value` has this shape, None standing for any length."""
-    actual = tuple(value.shape)
+    actual = np.shape(value)
     if len(actual) != len(shape) or any(
         s is not None and g != s for g, s in zip(actual, shape, strict=True)
     ):

@@ -150,6 +150,8 @@ def test_weighted_support_sums_the_chosen_rays(dtype):
     for index in ([0, 0, 2], [-2, 0, 0]):
         with pytest.raises(InvalidInputError, match=r"index is \[.*; of 2 rays per camera"):
             filters.weighted_support(np.array(index), weights)
+    with pytest.raises(InvalidInputError, match=r"weights must have shape \(n, n\), got \(3,\)"):
+        inspect.unwrap(filters.weighted_support)(np.zeros(3, int), np.ones(3))
     jitted = jax.jit(filters.weighted_support)
     assert jitted(np.array([1, -1, 1]), weights) == total
 

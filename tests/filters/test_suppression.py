@@ -166,6 +166,7 @@ def test_any_kind_of_number_is_a_radius(radius):
         ((3, 2), (3, 0)),
         ((3, 2), (3, 1, 1)),
         ((3, 2), ()),
+        ((), (3,)),
     ],
 )
 def test_the_shapes_that_do_not_fit_are_named(positions, priority):

@@ -130,6 +130,8 @@ def test_a_mask_that_is_none_is_named(where, message):
         ([0, 1], [0, 1], r"tracklet must have shape \(2, n\), got \(2,\)"),
         ([0, 1], [[0, 1]], r"tracklet must have shape \(2, n\), got \(1, 2\)"),
         ([0, 0.5], [[0, 1]] * 2, r"frame\[1\] is 0.5"),
+        (0, [[0, 1]], r"frame must have shape \(n\), got \(\)"),
+        ([[0, 1]], [[0, 1]], r"frame must have shape \(n\), got \(1, 2\)"),
     ],
 )
 def test_what_is_no_table_of_tracklets_is_named(monkeypatch, frame, tracklet, message):

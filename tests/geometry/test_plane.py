@@ -251,6 +251,8 @@ def test_arguments_of_a_fit_that_would_broadcast_or_fit_nothing_are_refused():
         (lambda: ransac(cloud, key, where=np.ones(1, bool)), "where must have shape"),
         (lambda: ransac(cloud, key, iterations=0), "iterations is 0; it must be 1 or more"),
         (lambda: ransac(cloud, key, threshold=-1.0), "threshold is -1.0; it must be a length"),
+        (lambda: ransac(cloud, key, threshold=np.zeros(2)), "threshold must have shape"),
+        (lambda: fit(None), r"points must have shape \(n, 3\), got \(\)"),
         (lambda: ransac(cloud, key, threshold=np.nan), "threshold is nan; it must be a length"),
     ):
         with pytest.raises(InvalidInputError, match=message):

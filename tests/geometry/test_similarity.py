@@ -315,12 +315,13 @@ def test_what_cannot_be_moved_is_told_so():
         inspect.unwrap(f)
         for f in (geometry.transform_rig, geometry.transform_plane, geometry.transform_scene)
     )
-    moves = Similarity.identity()
+    nearest, moves = inspect.unwrap(geometry.nearest_rotation), Similarity.identity()
     for use, message in (
         (lambda: move_rig(moves, Scene(rig, ground, 1.0)), "rig must be a Rig, got Scene. Pass"),
         (lambda: move_plane(moves, rig), "plane must be a Plane, got Rig"),
         (lambda: move_scene(moves, rig), "scene must be a Scene, got Rig"),
         (lambda: move_plane(Similarity.identity(2), ground), "of the similarity must have shape"),
+        (lambda: nearest(5.0), r"matrix must have shape \(n\), got \(\)"),
     ):
         with pytest.raises(InvalidInputError, match=message):
             use()

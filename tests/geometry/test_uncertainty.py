@@ -1,5 +1,6 @@
 """Sigma: laws, closed forms, Monte Carlo, and the public WildTrack calibration."""
 
+import inspect
 import json
 import math
 
@@ -11,6 +12,7 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from catfree import Plane, geometry
+from catfree.errors import InvalidInputError
 
 pytestmark = pytest.mark.slow
 
@@ -227,6 +229,18 @@ def test_sigma_predicts_the_error_of_noisy_rays():
     ratio = np.array(error_of) / np.array(sigma_of)
     assert (ratio > 0.95).all()
     assert (ratio < 1.05).all()
+
+
+def test_what_is_no_position_or_no_deviation_is_named():
+    unchecked = inspect.unwrap(geometry.information)  # the tests' check of shapes comes before
+    rays = np.zeros((3, 3)), np.eye(3), np.ones(3)
+    for position, deviation, message in (
+        (np.ones(1), 0.01, r"position must have shape \(3,\), got \(1,\)"),
+        (None, 0.01, r"position must have shape \(3,\), got \(\)"),
+        (np.ones(3), np.full(3, 0.01), r"sigma_theta must have shape \(\), got \(3,\)"),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            unchecked(position, *rays, deviation)
 
 
 def test_wildtrack_sigma_by_number_of_cameras(shared):

@@ -1,3 +1,5 @@
+import inspect
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -12,6 +14,7 @@ from catfree.synthetic._layouts import (
     ring,
 )
 from catfree.synthetic._silhouettes import project_points
+from catfree.synthetic._world import make_world
 
 NAMES = [*LAYOUTS, "ring4", "ring9"]
 
@@ -93,3 +96,19 @@ def test_image_size_scales_the_picture_only():
 def test_unknown_layouts_are_named(name):
     with pytest.raises(InvalidInputError, match=name):
         make_layout(name)
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "message"),
+    [
+        (make_layout, {"name": None}, "There is no layout None"),
+        (make_layout, {"name": "wildtrack", "seed": -1}, "seed is -1; it must be 0 or more"),
+        (ring, {"cameras": 0}, "cameras is 0; it must be 1 or more"),
+        (make_world, {"layout": None}, "layout must be a Layout, got NoneType"),
+        (make_world, {"columns": np.zeros(3)}, r"columns must have shape \(n, 4\), got \(3,\)"),
+    ],
+)
+def test_what_makes_no_layout_or_world_is_named(make, options, message):
+    unchecked = inspect.unwrap(make)  # the tests' check of types comes before
+    with pytest.raises(InvalidInputError, match=message):
+        unchecked(**options)

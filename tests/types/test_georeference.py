@@ -122,3 +122,12 @@ def test_an_origin_may_be_any_pair(kind):
 def test_a_georeference_that_is_none_is_refused(values, sentence):
     with pytest.raises(InvalidInputError, match=sentence):
         cf.GeoReference(*values)
+
+
+def test_residuals_are_of_as_many_points_as_places():
+    earth = cf.GeoReference(8.5, 47.3)
+    places = earth.to_longitude_latitude(np.eye(2))
+    np.testing.assert_allclose(earth.residual(np.eye(2), places), 0, atol=1e-6)
+    for points in (np.eye(2)[:1], []):
+        with pytest.raises(InvalidInputError, match=r"xy must have shape \(2, 2\)"):
+            earth.residual(points, places)

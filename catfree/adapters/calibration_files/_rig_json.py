@@ -29,6 +29,7 @@ from catfree.adapters.files._documents import (
 from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import GeoReference, Lens, Plane, Rig, Scene
 from catfree.types._scene import require_plausible_heights, require_scene
+from catfree.types._validation import as_boolean, require_shape
 
 _CONVENTIONS = {
     "camera": "x_camera = R x_world + t; x right, y down, z forward",
@@ -57,9 +58,12 @@ def write_rig_json(
         The path.
 
     Raises:
-        InvalidInputError: if the folder does not exist or the names do not match the cameras.
+        InvalidInputError: if the folder does not exist, the names do not match the cameras, or
+            metric is neither true nor false.
     """
-    return write_text_atomically(path, _text(_rig_document(rig, names, metric)))
+    flag = as_boolean(metric, "metric")
+    require_shape(flag, (), "metric")
+    return write_text_atomically(path, _text(_rig_document(rig, names, bool(flag))))
 
 
 def write_scene_json(path: StrPath, scene: Scene, names: Sequence[str] | None = None) -> Path:

@@ -23,6 +23,7 @@ from catfree.adapters.video._validate_plugin_output import (
     Describer,
     ask_for_people,
     join_descriptions,
+    require_part,
     require_people,
 )
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
@@ -59,14 +60,17 @@ def detect_videos(
         confirmed ankles if the detector estimates poses.
 
     Raises:
-        InvalidInputError: naming camera and frame of the first picture for which detector or
-            embedder return an invalid result.
+        InvalidInputError: if detector or embedder cannot be called, or naming camera and frame of
+            the first picture for which they return an invalid result.
         FileFormatError: if a picture cannot be decoded and `videos` was made with
             `on_error="raise"`.
         InsufficientDataError: if the footage is too short to fit the detector, or no instant can be
             decoded.
     """
     require_instance(videos, SynchronizedVideos, "videos")
+    require_part(detector, "detector")
+    if embedder is not None:
+        require_part(embedder, "embedder")
     report = progress or no_progress
     detectors = fit_to_cameras(videos, detector, report)
     describe = None if embedder is None else Describer(embedder)

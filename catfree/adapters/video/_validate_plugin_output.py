@@ -1,4 +1,4 @@
-"""Checks of what users' detectors and embedders return, picture by picture.
+"""Checks of users' detectors and embedders, and of what they return, picture by picture.
 
 An invalid result is reported at the first bad picture, with its camera and frame, not at the end of
 the footage.
@@ -11,8 +11,24 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.adapters.protocols import Embedder, FrameDetections, Image
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.types._validation import as_float
+
+
+def require_part(part: Any, name: str) -> None:
+    """Raise unless a detector, an embedder or a reconstructor can be called or fitted.
+
+    Raises:
+        InvalidInputError: naming it; a class, which can be called, needs to be made an object.
+    """
+    if isinstance(part, type):
+        raise InvalidInputError(
+            f"{name} is the class {part.__name__}. Pass an object of it: {part.__name__}(...)."
+        )
+    if not (callable(part) or hasattr(part, "fit")):
+        raise InvalidInputError(
+            f"{name} must be a callable such as those of catfree.adapters, got {quoted(part)}."
+        )
 
 
 def ask_for_people(

@@ -80,7 +80,7 @@ def weights_named(name: str) -> Weights:
     Raises:
         InvalidInputError: if no file has the name.
     """
-    if name not in WEIGHTS:
+    if not isinstance(name, str) or name not in WEIGHTS:
         raise InvalidInputError(
             f"There are no weights named {quoted(name)}; known are {', '.join(WEIGHTS)}. Give "
             "other files to the adapters by path."

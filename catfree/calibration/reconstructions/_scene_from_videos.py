@@ -4,12 +4,13 @@ import numpy as np
 
 from catfree.adapters.protocols import Reconstructor
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.adapters.video._validate_plugin_output import require_part
 from catfree.calibration.reconstructions._aggregate import aggregate
 from catfree.calibration.reconstructions._ground import find_ground
 from catfree.errors import InsufficientDataError
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import require_instance
+from catfree.types._validation import as_count, require_instance
 from catfree.types.results._reconstruction import Reconstruction
 
 INSTANTS = 12  # reconstructed instants; four of them may be wrong
@@ -38,10 +39,14 @@ def scene_from_videos(
         The scene, in meters if the reconstructor's units are.
 
     Raises:
-        InvalidInputError: if the reconstructor returns something else than a `Reconstruction`.
+        InvalidInputError: if an argument is something else, or the reconstructor returns something
+            else than a `Reconstruction`.
         InsufficientDataError: if no instant is in all videos or has two registered cameras.
         GroundRejectedError: if no plane of the scene can be the ground.
     """
+    require_instance(videos, SynchronizedVideos, "videos")
+    require_part(reconstructor, "reconstructor")
+    instants = as_count(instants, "instants", least=1)
     report = progress or no_progress
     complete = np.flatnonzero(~np.isin(videos.frames, videos.silent[:, 0]))
     if not len(complete):

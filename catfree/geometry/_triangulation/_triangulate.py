@@ -89,6 +89,7 @@ def triangulate(
     require_rays(*arrays[:3])
     delta = arrays[3]
     require_shape(delta, (), "huber_scale")
+    require_shape(arrays[4], (), "outlier_factor")
     if not is_traced(delta) and not delta >= 0:
         raise InvalidInputError(f"huber_scale is {delta}; it must be a length, 0 or more.")
     return _triangulate(*arrays, jnp.asarray(refit))

@@ -65,11 +65,11 @@ class Reconstruction(eqx.Module):
         self.points = as_rows(points, 3, "points")
         self.confidence = np.asarray(as_float(confidence))
         self.scale_is_metric, self.weights_id = bool(scale_is_metric), str(weights_id)
+        require_shape(self.t, (None, 3), "t")
         cameras = len(self.t)
         self.registered = as_registered(registered, cameras)
         require_shape(self.K, (cameras, 3, 3), "K")
         require_shape(self.R, (cameras, 3, 3), "R")
-        require_shape(self.t, (cameras, 3), "t")
         require_shape(self.confidence, (len(self.points),), "confidence")
         for name in ("K", "R", "t", "points", "confidence"):
             require_finite(getattr(self, name), name)

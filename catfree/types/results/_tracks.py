@@ -23,6 +23,7 @@ from catfree.types._validation import (
     refuse,
     require_declared_types,
     require_finite,
+    require_instance,
     require_shape,
 )
 from catfree.types.results._arrow_table import from_table, to_table
@@ -264,9 +265,12 @@ class Tracks(eqx.Module):
 
         Raises:
             MissingDependencyError: if pyarrow is not installed.
-            InvalidInputError: if it is not an Arrow table, or a value in it is out of range.
+            InvalidInputError: if it is not an Arrow table, a value in it is out of range, or ground
+                is not a `Plane`.
             FileFormatError: if it lacks a column, a value or its metadata.
         """
+        if ground is not None:
+            require_instance(ground, Plane, "ground")
         columns = from_table(table)
         flat = np.zeros((len(columns["frame"]), 3))
         tracks = cls(position=flat, **columns)
@@ -379,6 +383,7 @@ def supporting_boxes(
         InvalidInputError: if the tracks do not say which boxes support them, as after reading them
             from a table, or the detections are others.
     """
+    require_instance(detections, Detections, "detections")
     if len(tracks) and not tracks.support.shape[1]:
         raise InvalidInputError(
             "These tracks do not say which boxes support them, as a table of tracks does not. Pass "

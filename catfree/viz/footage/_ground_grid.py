@@ -11,7 +11,8 @@ from catfree.errors import InvalidInputError
 from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Scene
-from catfree.types._validation import as_area, as_positive
+from catfree.types._scene import require_scene
+from catfree.types._validation import as_area, as_count, as_positive, require_known_cameras
 from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import Color
 from catfree.viz.footage._drawing import (
@@ -85,8 +86,14 @@ def draw_ground_grid(
         InvalidInputError: if the image is not uint8 RGB or of another size than the camera, the
             camera is not registered, or the area or the spacing is not positive.
     """
-    image = as_image(image)
+    image, camera = as_image(image), as_count(camera, "camera")
+    require_scene(scene)
     require_camera_picture(image, scene, camera)
+    if not scene.rig.registered[camera]:
+        raise InvalidInputError(
+            f"Camera {camera} is not a registered camera of this scene, so the ground cannot be "
+            "drawn on its image. Choose a registered camera."
+        )
     if spacing is None:
         spacing = round_step(float(scene.extent) / LINES_PER_EXTENT)
     step = as_positive(spacing, "spacing")
@@ -128,17 +135,13 @@ def draw_ground_grids(images: Sequence[Image], scene: Scene) -> list[Image]:
 
 
 def require_camera_picture(image: Image, scene: Scene, camera: int) -> None:
-    """Raise unless the camera is registered and the image has its size.
+    """Raise unless the scene has the camera and the image has its size.
 
     Raises:
         InvalidInputError: naming the camera and the sizes.
     """
     rig = scene.rig
-    if not 0 <= camera < rig.camera_count or not rig.registered[camera]:
-        raise InvalidInputError(
-            f"Camera {camera} is not a registered camera of this scene, so the ground cannot be "
-            "drawn on its image. Choose a registered camera."
-        )
+    require_known_cameras(np.asarray(camera), rig.camera_count)
     width, height = (int(side) for side in rig.image_size[camera])
     if image.shape[:2] != (height, width):
         raise InvalidInputError(

@@ -13,7 +13,8 @@ from catfree.errors import InvalidInputError
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
 from catfree.types._annotations import Progress
-from catfree.types._validation import as_path
+from catfree.types._scene import require_scene
+from catfree.types._validation import as_count, as_number, as_path, as_positive, require_instance
 from catfree.types._writing import replacement
 from catfree.viz._camera_view import in_reach, visible_runs
 from catfree.viz._palette import CAMERA_COLOR, track_color
@@ -73,18 +74,24 @@ def draw_frame(
         (H, W, 3) uint8 RGB. For a camera that is not registered, only boxes are drawn.
 
     Raises:
-        InvalidInputError: if the image is not uint8 RGB or of another size than the camera, or the
-            localization was made from other detections.
+        InvalidInputError: if the image is not uint8 RGB or of another size than the camera, there
+            is no such camera, the localization was made from other detections, or an argument is
+            something else.
     """
-    image = as_image(image)
+    image, camera, frame = as_image(image), as_count(camera, "camera"), as_count(frame, "frame")
+    require_instance(detections, Detections, "detections")
+    require_instance(localization, Localization, "localization")
+    require_scene(scene)
+    require_camera_picture(image, scene, camera)
     if len(detections):
         localization.require_detections(detections)
     if person_height is None:
         person_height = estimate_person_height(detections, localization, scene)
-    thick = default_stroke(image) if stroke is None else float(stroke)
+    height = as_number(person_height, "person_height")
+    thick = default_stroke(image) if stroke is None else as_positive(stroke, "stroke")
     canvas = image.copy()
     if blur:
-        people = people_regions(camera, frame, detections, localization, scene, person_height)
+        people = people_regions(camera, frame, detections, localization, scene, height)
         canvas = blur_regions(image, people)
     box_rows = np.flatnonzero((detections.frame == frame) & (detections.camera == camera))
     positions = localization.tracks[localization.tracks.frame == frame]
@@ -92,12 +99,10 @@ def draw_frame(
     if not scene.rig.registered[camera]:
         positions = positions[:0]
         identity = np.full_like(identity, -1)
-    else:
-        require_camera_picture(image, scene, camera)
     for row in box_rows:
         draw_box(canvas, detections.box[row], track_color(identity[row]), 0.6 * thick)
     if len(positions):
-        _draw_people(canvas, positions, scene, camera, float(person_height), thick)
+        _draw_people(canvas, positions, scene, camera, height, thick)
     return canvas
 
 

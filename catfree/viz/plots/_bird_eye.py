@@ -9,7 +9,13 @@ from catfree.errors import InvalidInputError
 from catfree.evaluation._rows import as_rows
 from catfree.types import Localization, Origin, Scene, Tracks
 from catfree.types._scene import require_scene
-from catfree.types._validation import as_area, require_instance
+from catfree.types._validation import (
+    as_area,
+    as_count,
+    as_integer,
+    as_number,
+    require_instance,
+)
 from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
 from catfree.viz._plan_view import (
     camera_names as names_of,
@@ -63,17 +69,18 @@ def plot_bird_eye(
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
-        InvalidInputError: if confidence, area, ground truth or camera names are invalid.
+        InvalidInputError: if confidence, area, frames, ground truth or camera names are invalid.
     """
     require_instance(localization, Localization, "localization")
     require_scene(scene)
-    if not 0 < confidence < 1:
+    if not 0 < as_number(confidence, "confidence") < 1:
         raise InvalidInputError(f"confidence is {confidence}; it must be between 0 and 1.")
+    detail_limit = as_count(detail_limit, "detail_limit")
     outline = None if area is None else as_area(area)
     tracks = localization.tracks
     truth = as_rows([] if ground_truth is None else ground_truth, "ground_truth")
     if frames is not None:
-        chosen = np.unique(np.asarray(list(frames), np.int64))
+        chosen = as_integer(list(frames), "frames")
         tracks = tracks[np.isin(tracks.frame, chosen)]
         truth = truth[np.isin(truth[:, 0], chosen)]
 

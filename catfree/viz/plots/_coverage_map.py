@@ -46,10 +46,12 @@ def plot_coverage(
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
-        InvalidInputError: if `quantity` is unknown.
+        InvalidInputError: if `quantity` is unknown, or an argument is something else.
     """
     require_instance(coverage, Coverage, "coverage")
     require_scene(scene)
+    if localization is not None:
+        require_instance(localization, Localization, "localization")
     if quantity not in ("sigma", "cameras"):
         raise InvalidInputError(f"quantity is {quoted(quantity)}; it must be 'sigma' or 'cameras'.")
     view, unit = view_area(scene, np.zeros((0, 2)), coverage.area), length_unit(scene)

@@ -7,7 +7,7 @@ import numpy as np
 from catfree.settings import SelectionSettings
 from catfree.types import Candidates, Fate, Localization, Scene
 from catfree.types._scene import require_scene
-from catfree.types._validation import require_instance
+from catfree.types._validation import as_positive, require_instance
 from catfree.viz._palette import FATE_COLORS, fraction
 from catfree.viz.plots._axes import require_pyplot
 
@@ -45,6 +45,7 @@ def plot_gates(
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
+        InvalidInputError: if an argument is something else, or the radius is not positive.
 
     Source: paper, Fig. gates.
     """
@@ -54,7 +55,7 @@ def plot_gates(
     if axes is None:
         both = pyplot.subplots(1, 2, figsize=(10, 4), layout="constrained")[1]
         axes = both[0], both[1]
-    radius = suppression_radius * float(scene.extent)
+    radius = as_positive(suppression_radius, "suppression_radius") * float(scene.extent)
     thresholds, (left, right) = localization.thresholds, axes
     sigma_values, ground_values = gate_samples(localization)
     candidates = localization.candidates

@@ -13,7 +13,7 @@ from catfree.errors import InvalidInputError, needing
 from catfree.geometry import CanonicalFrame
 from catfree.types import Localization, Scene
 from catfree.types._scene import require_scene
-from catfree.types._validation import as_path
+from catfree.types._validation import as_path, as_rows
 from catfree.types._writing import replacement
 from catfree.viz._palette import CAMERA_COLOR, Color, track_color
 from catfree.viz._plan_view import camera_names as names_of
@@ -58,7 +58,8 @@ def write_glb(
         The path.
 
     Raises:
-        InvalidInputError: if colors do not match the points, or the folder does not exist.
+        InvalidInputError: if colors do not match the points, the folder does not exist, or an
+            argument is something else.
     """
     require_scene(scene)
     import trimesh
@@ -67,6 +68,7 @@ def write_glb(
     from trimesh.visual.material import PBRMaterial
 
     names, tracks = names_of(scene.rig, camera_names), tracks_of(localization)
+    points = as_rows([] if points is None else points, 3, "points")
     frame, extent = CanonicalFrame.of(scene), float(scene.extent)
 
     def local(world: np.ndarray) -> np.ndarray:
@@ -90,11 +92,11 @@ def write_glb(
         corners = local(frustum_corners(scene, camera, FRUSTUM_DEPTH * extent))
         name = f"camera_{names[camera]}"
         model.add_geometry(mesh(corners, pyramid, CAMERA_COLOR), node_name=name, geom_name=name)
-    if points is not None and len(points):
+    if len(points):
         shade = np.tile(CLOUD_COLOR, (len(points), 1)) if colors is None else np.asarray(colors)
         if shade.shape != (len(points), 3):
             raise InvalidInputError(f"colors must be ({len(points)}, 3), got {shade.shape}.")
-        cloud = trimesh.PointCloud(local(np.asarray(points)), colors=shade.astype(np.uint8))
+        cloud = trimesh.PointCloud(local(points), colors=shade.astype(np.uint8))
         model.add_geometry(cloud, node_name="cloud", geom_name="cloud")
     for identity, line in track_lines(tracks).items():
         rings = tube(local(line), TUBE_RADIUS * extent, np.array([0.0, 1.0, 0.0]))

@@ -6,6 +6,7 @@ from jaxtyping import Float, Int
 from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import rays_of_pixels
 from catfree.types import Localization, Scene, Tracks
+from catfree.types._validation import require_instance
 from catfree.viz._plan_view import view_area
 
 FRUSTUM_DEPTH = 0.06  # depth of a camera's pyramid, as a share of E
@@ -99,6 +100,7 @@ def track_lines(tracks: Tracks) -> dict[int, Float[np.ndarray, "n 3"]]:
 def tracks_of(localization: Localization | None) -> Tracks:
     """The tracks of a run; empty tracks for None."""
     if localization is not None:
+        require_instance(localization, Localization, "localization")
         return localization.tracks
     integers, floats = np.zeros(0, np.int64), np.zeros(0)
     points = np.zeros((0, 3)), np.zeros((0, 2))

@@ -1,6 +1,7 @@
 """Every calibration format gives back the rig that was written, and complains clearly."""
 
 import dataclasses
+import inspect
 import json
 import os
 from collections.abc import Callable
@@ -411,6 +412,13 @@ def test_opencv_image_size_may_be_given(tmp_path):
     rig = read_opencv_yaml(path, image_size=(64, 48), metres_per_unit=0.01).rig
     np.testing.assert_array_equal(rig.image_size, [[64, 48]])
     np.testing.assert_allclose(rig.t, _ring(1).t / 100)
+
+
+def test_units_are_meters_or_not(tmp_path):
+    path = tmp_path / "rig.json"
+    assert '"units": "m"' in write_rig_json(path, _ring(1), metric=True).read_text()
+    with pytest.raises(InvalidInputError, match="metric must hold true and false"):
+        inspect.unwrap(write_rig_json)(path, _ring(1), metric="m")
 
 
 def test_mirrored_rotations_are_refused(tmp_path):

@@ -1,3 +1,4 @@
+import inspect
 import json
 from pathlib import Path
 
@@ -225,6 +226,8 @@ def test_ankles_need_both_feet():
     np.testing.assert_array_equal(ankles_confirmed(keypoints), [True, False, False, True])
     np.testing.assert_array_equal(ankles_confirmed(keypoints, 0.3), [True, True, False, True])
     assert ankles_confirmed(np.zeros((0, 17, 3))).shape == (0,)
+    with pytest.raises(InvalidInputError, match=r"keypoints must have shape \(n, 17, 3\)"):
+        inspect.unwrap(ankles_confirmed)(keypoints[0])
 
 
 # The real network.

@@ -1,3 +1,5 @@
+import inspect
+
 import cv2
 import numpy as np
 import pytest
@@ -159,6 +161,22 @@ def test_detectors_that_answer_something_else_are_named(people, message, tmp_pat
         InvalidInputError, match="Answers, called for camera 1 at frame 1, " + message
     ):
         detect_instant(pictures, [BrightSpot(), Answers(people)], frame)
+
+
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        (BackgroundDetector, r"is the class BackgroundDetector. Pass an object of it: Background"),
+        ("yolox.onnx", "must be a callable such as those of catfree.adapters, got 'yolox.onnx'"),
+    ],
+)
+def test_what_is_no_detector_or_embedder_is_named(part, message, tmp_path):
+    unchecked = inspect.unwrap(detect_videos)  # the tests' check of types comes before
+    videos = write_folders(tmp_path, frames=1)
+    with pytest.raises(InvalidInputError, match="^detector " + message):
+        unchecked(videos, part)
+    with pytest.raises(InvalidInputError, match="^embedder " + message):
+        unchecked(videos, BrightSpot(), part)
 
 
 def test_boxes_that_are_none_name_their_picture(tmp_path):

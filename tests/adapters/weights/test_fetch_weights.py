@@ -4,6 +4,7 @@ import dataclasses
 import gc
 import hashlib
 import http.server
+import inspect
 import os
 import sys
 import threading
@@ -185,6 +186,12 @@ def test_a_folder_that_cannot_be_made_is_named(published, folder, server):
 def test_unknown_names_list_the_known_ones():
     with pytest.raises(InvalidInputError, match=r"'yolo-z'; known are yolox-s, youtu-reid"):
         pretrained("yolo-z")
+
+
+def test_a_name_is_text():
+    unchecked = inspect.unwrap(_weights_table.weights_named)
+    with pytest.raises(InvalidInputError, match=r"There are no weights named \['yolox-s'\]"):
+        unchecked(["yolox-s"])
 
 
 def test_without_pooch_the_extra_is_named(monkeypatch):

@@ -1,5 +1,7 @@
 """A scene from videos: which pictures are reconstructed, and what comes of them."""
 
+import inspect
+
 import cv2
 import numpy as np
 import pytest
@@ -64,3 +66,11 @@ def test_a_reconstructor_that_returns_something_else_is_named(tmp_path):
     videos, half = SynchronizedVideos(folders), Half(rig, None, None)
     with pytest.raises(InvalidInputError, match="What Half returns must be a Reconstruction"):
         scene_from_videos(videos, half, instants=1)
+    unchecked = inspect.unwrap(scene_from_videos)  # the tests' check of types comes before
+    for videos_given, reconstructor, instants, message in (
+        (folders, half, 1, "videos must be a SynchronizedVideos, got list"),
+        (videos, Half, 1, r"reconstructor is the class Half. Pass an object of it: Half\(...\)"),
+        (videos, half, 0, "instants is 0; it must be 1 or more"),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            unchecked(videos_given, reconstructor, instants=instants)

@@ -396,3 +396,9 @@ def test_an_infinite_huber_scale_is_least_squares(x64):
 def test_a_scale_that_is_no_length_is_refused(delta):
     with pytest.raises(InvalidInputError, match=r"huber_scale is .*; it must be a length"):
         geometry.triangulate(np.zeros((3, 3)), np.eye(3), np.ones(3), delta)
+
+
+def test_the_factor_of_outliers_is_one_number():
+    unchecked = inspect.unwrap(geometry.triangulate)  # the tests' check of types comes before
+    with pytest.raises(InvalidInputError, match=r"outlier_factor must have shape \(\)"):
+        unchecked(np.zeros((3, 3)), np.eye(3), np.ones(3), 0.1, outlier_factor=[1.0, 2.0])

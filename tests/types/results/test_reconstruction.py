@@ -25,6 +25,7 @@ def test_all_views_are_registered_unless_said_otherwise():
     ("change", "message"),
     [
         ({"R": np.zeros((2, 3, 3))}, "R must have shape"),
+        ({"t": 5.0}, r"t must have shape \(n, 3\), got \(\)"),
         ({"t": np.full((3, 3), np.nan)}, r"t\[0, 0\] is not finite"),
         ({"confidence": np.ones(3)}, "confidence must have shape"),
         ({"K": np.tile(np.diag([1.0, 0, 1]), (3, 1, 1))}, r"K\[0\] has a focal length"),

@@ -1,5 +1,6 @@
 """`Tracks` and `Candidates`: rows, counts and files."""
 
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from catfree import Candidates, Clock, Detections, Fate, Localization, Tracks
 from catfree._run._cache import from_arrays, to_arrays
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.methods.paper._assemble import empty_localization
+from catfree.types.results._tracks import supporting_boxes
 
 
 def tracks(count: int, dtype=np.float64, *, existence: bool = False) -> Tracks:
@@ -266,6 +268,8 @@ def test_boxes_of_other_detections_are_refused():
     ]:
         with pytest.raises(InvalidInputError, match=sentence):
             found.to_supervision(camera, given_boxes)
+    with pytest.raises(InvalidInputError, match="detections must be a Detections, got NoneType"):
+        inspect.unwrap(supporting_boxes)(found, None)
     assert tracks(0).to_supervision(0, boxes)[3].tracker_id.tolist() == []
 
 

@@ -213,6 +213,30 @@ def test_images_other_than_rgb_bytes_are_refused(image, world):
         draw_frame.__wrapped__(image, 1, 0, world.detections, None, scene)
 
 
+@pytest.mark.slow
+def test_what_cannot_be_drawn_is_named(world, localization):
+    draw, draw_grid = draw_frame.__wrapped__, draw_ground_grid.__wrapped__
+    boxes, scene = world.detections, world.scene
+    for use, message in (
+        (lambda: draw_grid(GREY, scene, 9), "camera is 9, but the rig has 4 cameras"),
+        (lambda: draw_grid(GREY, scene, "C1"), "camera must hold whole numbers"),
+        (lambda: draw_grid(GREY, scene.rig, 0), "scene must be a Scene, got Rig"),
+        (lambda: draw(GREY, 9, 0, boxes, localization, scene), "camera is 9, but the rig has 4"),
+        (lambda: draw(GREY, -1, 0, boxes, localization, scene), "camera is -1; indices start"),
+        (lambda: draw(GREY, 0, 0.5, boxes, localization, scene), "frame is 0.5"),
+        (lambda: draw(GREY, 0, 0, None, localization, scene), "detections must be a Detections"),
+        (lambda: draw(GREY, 0, 0, boxes, None, scene), "localization must be a Localization"),
+        (lambda: draw(GREY, 0, 0, boxes, localization, None), "scene must be a Scene"),
+        (lambda: draw(GREY, 0, 0, boxes, localization, scene, stroke=np.nan), "stroke is nan"),
+        (
+            lambda: draw(GREY, 0, 0, boxes, localization, scene, person_height="tall"),
+            "person_height is 'tall'; it must be a finite number",
+        ),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            use()
+
+
 def test_grid_lines_project_where_opencv_says(world):
     scene = world.true_scene
     drawn = draw_ground_grid(GREY, scene, 1, area=world.area, spacing=1.0)

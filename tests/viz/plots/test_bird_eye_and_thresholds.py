@@ -1,3 +1,4 @@
+import inspect
 import sys
 from dataclasses import replace
 
@@ -210,12 +211,20 @@ def test_positions_without_identity_are_grey_dots(world):
         ({"area": 5}, "area is 5"),
         ({"area": (0.0, np.inf, 0.0, 1.0)}, "finite"),
         ({"camera_names": ["a"]}, "1 names"),
+        ({"frames": [0.5]}, r"frames\[0\] is 0.5; it must be a whole number"),
+        ({"confidence": "0.9"}, "confidence is '0.9'; it must be a finite number"),
         ({"ground_truth": np.zeros((3, 2))}, "ground_truth"),
     ],
 )
 def test_impossible_arguments_are_named(world, localization, arguments, message):
     with pytest.raises(InvalidInputError, match=message):
-        plot_bird_eye(localization, world.scene, **arguments)
+        inspect.unwrap(plot_bird_eye)(localization, world.scene, **arguments)
+
+
+@pytest.mark.slow
+def test_a_radius_of_suppression_is_positive(world, localization):
+    with pytest.raises(InvalidInputError, match="suppression_radius is 0"):
+        plot_gates(localization, world.scene, suppression_radius=0.0)
 
 
 @pytest.mark.slow

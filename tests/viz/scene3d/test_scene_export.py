@@ -1,3 +1,4 @@
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,13 @@ from hypothesis import given, strategies as st
 from catfree.errors import InvalidInputError, MissingDependencyError
 from catfree.geometry import project
 from catfree.viz import write_glb, write_rerun
-from catfree.viz.scene3d._scene_geometry import TUBE_SIDES, frustum_corners, track_lines, tube
+from catfree.viz.scene3d._scene_geometry import (
+    TUBE_SIDES,
+    frustum_corners,
+    track_lines,
+    tracks_of,
+    tube,
+)
 
 
 @pytest.mark.slow
@@ -65,6 +72,11 @@ def test_wrong_colours_and_folders_are_named(world, tmp_path):
         )
     with pytest.raises(InvalidInputError, match="does not exist"):
         write_glb(tmp_path / "missing" / "scene.glb", world.scene)
+    unchecked = inspect.unwrap(write_glb)  # the tests' check of types comes before
+    with pytest.raises(InvalidInputError, match=r"points must have shape \(n, 3\)"):
+        unchecked(tmp_path / "scene.glb", world.scene, points=np.zeros(3))
+    with pytest.raises(InvalidInputError, match="localization must be a Localization, got Scene"):
+        inspect.unwrap(tracks_of)(world.scene)
 
 
 @pytest.mark.slow

@@ -110,7 +110,7 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
                 f"{path} holds the scenes {', '.join(scenes)}. Choose one as scene_id."
             )
         if scene_id is not None:
-            table = table[table[:, 0] == scene_id]
+            table = table[table[:, 0] == as_count(scene_id, "scene_id")]
         positions = table[:, [3, 2, 4, 5]]
     else:
         positions = table[:, [2, 1, 7, 8]]

@@ -11,7 +11,7 @@ from catfree.adapters.files._documents import StrPath, write_text_atomically
 from catfree.adapters.tables._motchallenge import write_mot_ground
 from catfree.errors import InvalidInputError, quoted
 from catfree.types import Tracks
-from catfree.types._validation import as_integer, as_path
+from catfree.types._validation import as_integer, as_path, as_positive
 from catfree.types._writing import make_folder
 
 
@@ -48,14 +48,16 @@ def write_trackeval(
             `write_mot_ground`.
         WriteError: if the disk is full or not writable.
     """
+    gate = as_positive(threshold, "threshold")
     for name in (sequence, tracker):
-        if not name or name in (".", "..") or set(name) & set('/\\:\0,"\n'):
+        taken = not isinstance(name, str) or name in ("", ".", "..")
+        if taken or set(name) & set('/\\:\0,"\n'):
             raise InvalidInputError(f"{quoted(name)} cannot be the name of a folder.")
     root = as_path(folder, "folder")
     truth_folder = make_folder(root / "gt" / sequence / "gt")
     tracker_folder = make_folder(root / "trackers" / tracker / "data")
-    write_mot_ground(truth_folder / "gt.txt", ground_truth, frames, threshold=float(threshold))
-    write_mot_ground(tracker_folder / f"{sequence}.txt", tracks, frames, threshold=float(threshold))
+    write_mot_ground(truth_folder / "gt.txt", ground_truth, frames, threshold=gate)
+    write_mot_ground(tracker_folder / f"{sequence}.txt", tracks, frames, threshold=gate)
     count = len(np.unique(as_integer(frames, "frames")))
     info = configparser.ConfigParser(interpolation=None)
     info.optionxform = str  # type: ignore[assignment,method-assign]

@@ -116,8 +116,22 @@ def test_trackeval_scores_the_folders(tmp_path):
     assert found["CLR_FN"] == 2
     assert found["CLR_FP"] == 0
     np.testing.assert_allclose(100 * found["MOTA"], expected.mota)
-    with pytest.raises(InvalidInputError, match="cannot be the name of a folder"):
-        write_trackeval(tmp_path, kept, truth, frames, sequence="../up")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sequence": "../up"}, "'../up' cannot be the name of a folder"),
+        ({"tracker": 5}, "5 cannot be the name of a folder"),
+        ({"threshold": "1 m"}, "threshold is '1 m'; it must be a positive number"),
+    ],
+)
+def test_trackeval_names_what_it_cannot_write(options, message, tmp_path):
+    rows, frames = rows_of(walking()), np.arange(0, 40, 5)
+    unchecked = inspect.unwrap(write_trackeval)  # the tests' check of types comes before
+    with pytest.raises(InvalidInputError, match=message):
+        unchecked(tmp_path, rows, rows, frames, **options)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("images", [False, True])
@@ -145,6 +159,8 @@ def test_ai_city_takes_people_of_one_sequence(tmp_path):
     with pytest.raises(InvalidInputError, match=r"holds the scenes 1, 2, 1e\+300"):
         read_ai_city_tracks(far)
     np.testing.assert_array_equal(read_ai_city_tracks(path, 1), [[0, 5, 1, 2]])
+    with pytest.raises(InvalidInputError, match="scene_id must hold whole numbers"):
+        inspect.unwrap(read_ai_city_tracks)(path, "1")
     path.write_text("\n")
     assert read_ai_city_tracks(path).shape == (0, 4)
     for text, sentence in [
