@@ -222,6 +222,15 @@ def _path(text: str) -> Path | None:
 
 
 def _print_recording(recording: Any) -> None:
+    warned = [part for part in recording.parts if part.warnings]
+    if warned:
+        warn(
+            [
+                f"{recording.folder}: {len(warned)} of {len(recording.parts)} shards have warnings "
+                f"(`warnings` in manifest.json), first {warned[0].path.name}: "
+                f"{warned[0].warnings[0]}"
+            ]
+        )
     print_text(f"{recording.folder}: {recording.people} people, {len(recording)} positions.")
 
 

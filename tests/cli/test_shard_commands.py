@@ -30,11 +30,14 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recording")
     world = make_world("ring4", frames=60, people=4)
     write_detections_parquet(folder / "boxes.parquet", world.detections)
-    write_scene_json(folder / "scene.json", world.scene, list("abcd"))
+    alive = world.detections.camera != 3
+    write_detections_parquet(folder / "dead.parquet", world.detections[alive])
+    write_scene_json(folder / "scene.json", world.true_scene, list("abcd"))
     site = '[[site]]\nname = "{}"\nframe_rate = 5\nscene = "scene.json"\ndetections = "{}"\n'
     options = "every = 6\noverlap = 3\n"
     lists = {
         "good": options + site.format("north", "boxes.parquet"),
+        "dead": options + site.format("north", "dead.parquet"),
         "half": options + site.format("gone", "x.npz") + site.format("north", "boxes.parquet"),
         "twice": site.format("north", "boxes.parquet") + site.format("north", "boxes.parquet"),
         "unknown": "colour = 3\n" + site.format("north", "boxes.parquet"),
@@ -247,6 +250,17 @@ def test_sites_that_are_complete_are_listed(files, tmp_path, capsys):
     assert said.out == f"{folder}: {day.people} people, {len(day)} positions.\n"
     assert "tracking people by shards" in said.err
     assert "2/2" in said.err
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("in_threads")
+def test_a_site_with_a_camera_that_fails_is_warned_of(files, tmp_path, capsys):
+    assert cli.main(["run-sites", str(files / "dead.toml"), "--out", str(tmp_path)]) == 0
+    first, second = cf.open_tracks(tmp_path / "site=north").parts
+    assert any("Camera 'd'" in sentence for sentence in second.warnings)
+    (shown,) = [line for line in capsys.readouterr().err.splitlines() if "warning: " in line]
+    assert "2 of 2 shards have warnings (`warnings` in manifest.json), first part-00000" in shown
+    assert shown.endswith(first.warnings[0])
 
 
 @pytest.mark.slow

@@ -35,6 +35,7 @@ class StoredPart:
         rows: number of positions.
         sha256: of the file.
         boxes_used: share of the boxes that support a position: how well they fit the scene.
+        warnings: of its shard: about the input, and cameras that moved, are late or dead.
     """
 
     path: Path
@@ -43,6 +44,7 @@ class StoredPart:
     rows: int
     sha256: str
     boxes_used: float | None
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -147,4 +149,5 @@ def _part(folder: Path, row: dict[str, Any]) -> StoredPart:
         rows=int(row["rows"]),
         sha256=str(row["sha256"]),
         boxes_used=None if used is None else as_number(used, "boxes_used"),
+        warnings=tuple(map(str, row["warnings"])),
     )

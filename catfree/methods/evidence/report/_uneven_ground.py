@@ -45,7 +45,7 @@ def ground_shift(
         (M, 2) meters per meter, 0 in gaps.
     """
     M = len(trails)
-    if not settings.uneven_ground:
+    if len(groups) == 0 or not settings.uneven_ground:
         return np.zeros((M, 2))
     member = np.where(trails.group[:, None] >= 0, groups.member[trails.group], -1)
     normal, cross = np.zeros((M, 3, 3)), np.zeros((M, 3))
