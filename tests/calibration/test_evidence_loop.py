@@ -119,8 +119,8 @@ def test_where_nobody_is_sure_nothing_moves(world, right):
     [
         # (residual, how far a camera has gone from the start in its standard deviations)
         ([(9.0, 5.0), (3.0, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # it rests
-        ([(3.0, 5.0), (3.03, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # a percent is the same
-        ([(3.0, 5.0), (3.1, 9.0), (2.0, 9.1)], (3.0, 5.0), 2),  # more is not, and is taken back
+        ([(3.0, 5.0), (3.02, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # 2 % of information are the same
+        ([(3.0, 5.0), (3.1, 9.0), (2.0, 9.1)], (3.0, 5.0), 2),  # less is not, and is taken back
         ([(3.0, 0.1), (2.0, 0.1)], (3.0, 0.1), 1),
         ([(3.0, 5.0), None], (3.0, 5.0), 2),
         ([(9.0, float(k)) for k in range(1, 8)], (9.0, 5.0), 5),  # at most evidence_rounds
