@@ -17,7 +17,12 @@ from catfree._run._run import RunOutcome
 from catfree.adapters.calibration_files._anipose_toml import write_anipose_toml
 from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
 from catfree.adapters.calibration_files.colmap._colmap import write_colmap_text
-from catfree.adapters.datasets._detection_files import RESULT_BOXES, RESULT_SCENE
+from catfree.adapters.datasets._detection_files import (
+    RESULT_BOXES,
+    RESULT_SCENE,
+    RESULT_SILENT,
+    write_missing_pictures,
+)
 from catfree.adapters.files._camera_names import distinct_names, file_names
 from catfree.adapters.tables._motchallenge import write_mot_boxes, write_mot_ground
 from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks_parquet
@@ -58,7 +63,7 @@ RIG_FILES = (
     *(f"rig/colmap/{part}.txt" for part in ("cameras", "images", "points3D")),
 )
 # Not every run writes these.
-SOMETIMES = ("tracks.parquet", "tracks.geojson", *RIG_FILES)
+SOMETIMES = ("tracks.parquet", "tracks.geojson", RESULT_SILENT, *RIG_FILES)
 
 
 def write_results(
@@ -400,6 +405,9 @@ def _write_tables(
         files.append(write_tracks_parquet(parquet, tracks, outcome.camera_names))
     if scene.georeference is not None:
         files.append(write_geojson(root / "tracks.geojson", tracks, scene))
+    if len(outcome.silent):
+        silent = root / RESULT_SILENT
+        files.append(write_missing_pictures(silent, outcome.silent, outcome.camera_names))
     outcome.localization.require_detections(outcome.detections)
     files += write_boxes(
         root,

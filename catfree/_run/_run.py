@@ -3,9 +3,10 @@
 import contextlib
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Int
 
 from catfree._run._cache import StageCache
 from catfree._run._input_checks import (
@@ -74,6 +75,7 @@ class RunOutcome:
         frames: (T,) the processed frames.
         videos: the footage before any damage, on corrected clocks if offsets were searched; None if
             the outcome does not come from videos.
+        silent: (K, 2) frame and camera of pictures that do not exist.
     """
 
     localization: Localization
@@ -83,6 +85,7 @@ class RunOutcome:
     camera_names: tuple[str, ...]
     frames: np.ndarray
     videos: SynchronizedVideos | None = None
+    silent: Int[np.ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -331,7 +334,9 @@ def run_stages(
         frames, footage = recording.frames, recording
     else:
         frames, footage = np.union1d(detections.frame, localization.tracks.frame), None
-    return RunOutcome(localization, detections, scene, calibration, names, frames, footage)
+    return RunOutcome(
+        localization, detections, scene, calibration, names, frames, footage, recording.silent
+    )
 
 
 def _opened(videos: Videos) -> SynchronizedVideos:

@@ -107,6 +107,12 @@ def test_nothing_is_concluded_from_missing_pictures(world, boxes, tmp_path):
     expected = cf.localize(seen, world.scene, silent=missing).tracks
     np.testing.assert_array_equal(found.existence, expected.existence)
     assert not np.array_equal(cf.localize(seen, world.scene).tracks.existence, expected.existence)
+    # The folder of results remembers them, but no embeddings.
+    words[1], words[-1] = str(tmp_path / "out"), str(tmp_path / "again")
+    assert cli.main(words) == 0
+    expected = cf.localize(replace(seen, embedding=None), world.scene, silent=missing).tracks
+    found = read_tracks(tmp_path / "again")
+    np.testing.assert_allclose(found.existence, expected.existence, atol=1e-9)
 
 
 def test_boxes_of_cameras_named_by_numbers(world, tmp_path, capsys):

@@ -1,5 +1,7 @@
 """`read_detections`: the boxes of all cameras from files in any format that the library reads."""
 
+import csv
+import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -24,6 +26,7 @@ from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
     read_json,
+    write_text_atomically,
 )
 from catfree.adapters.files._text_rows import naming_line, read_csv
 from catfree.adapters.tables._coco import is_coco, read_coco
@@ -38,7 +41,9 @@ from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
 from catfree.types._validation import as_integer, as_path, as_paths, shown_camera
 
-RESULT_BOXES, RESULT_SCENE = "detections.npz", "scene.json"  # in a folder of results
+# In a folder of results; the last one if pictures are missing.
+RESULT_BOXES, RESULT_SCENE = "detections.npz", "scene.json"
+RESULT_SILENT = "missing_pictures.csv"
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
 
 # The first of these that a table has is its column.
@@ -159,6 +164,10 @@ def read_camera_boxes(
     known = tuple(camera_names or ())
     parts = _read_all(files, known)
     boxes = _joined(parts, files, known)
+    if [path.name for path in files] == [RESULT_BOXES]:
+        missing = files[0].with_name(RESULT_SILENT)
+        if missing.is_file():
+            boxes = replace(boxes, silent=read_missing_pictures(missing, boxes.camera_names))
     if frame_rate is None:
         return boxes
     stated = boxes.detections.clock
@@ -211,6 +220,26 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
     with naming_line(source, lines):
         frames = as_integer(_numbers(table[plain[frame]], plain[frame]), "frame")
     return np.column_stack([frames, np.array([camera_index[word] for word in cameras], np.int64)])
+
+
+def write_missing_pictures(
+    path: StrPath, silent: Int[np.ndarray, "k 2"], camera_names: Sequence[str]
+) -> Path:
+    """Write a table that `read_missing_pictures` reads.
+
+    Args:
+        path: a CSV file.
+        silent: (K, 2) frame and camera of pictures that do not exist.
+        camera_names: (C,) names of the cameras.
+
+    Returns:
+        The path.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["frame", "camera"])
+    writer.writerows([frame, camera_names[camera]] for frame, camera in silent.tolist())
+    return write_text_atomically(path, text.getvalue())
 
 
 def holds_boxes(path: StrPath) -> bool:

@@ -14,7 +14,12 @@ from catfree.adapters import (
     write_mot_boxes,
     write_scene_json,
 )
-from catfree.adapters.datasets._detection_files import holds_boxes, read_camera_boxes
+from catfree.adapters.datasets._detection_files import (
+    holds_boxes,
+    read_camera_boxes,
+    read_missing_pictures,
+    write_missing_pictures,
+)
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.synthetic import make_world
 
@@ -611,3 +616,12 @@ def test_boxes_of_results_keep_the_names_of_their_cameras(tmp_path):
         tmp_path / "scene.json", replace(scene, rig=scene.rig.select([0, 1])), NAMES[:2]
     )
     assert read_camera_boxes(tmp_path, NAMES).camera_names == NAMES
+
+
+@given(silent=st.lists(st.tuples(st.integers(-9, 2**62), st.integers(0, 2)), max_size=5))
+def test_missing_pictures_are_read_as_they_were_written(tmp_path_factory, silent):
+    names = ('a, "b"', "7", "Größe")
+    pictures = np.array(silent, np.int64).reshape(-1, 2)
+    path = write_missing_pictures(tmp_path_factory.mktemp("x") / "gone.csv", pictures, names)
+    if len(pictures):
+        np.testing.assert_array_equal(read_missing_pictures(path, names), pictures)
