@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import json
 import os
 import types
 import typing
@@ -148,6 +149,24 @@ def require_names(
         raise InvalidInputError(
             f"Two cameras have the same name: {shortened(', '.join(names))}. Rename one of them."
         )
+
+
+def parse_json(text: str) -> Any:
+    """Parse JSON in which no object states a key twice, of which one value would be lost.
+
+    Raises:
+        ValueError: if it is not JSON, or a key is stated twice.
+    """
+
+    def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        entries = dict(pairs)
+        if len(entries) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise ValueError(f"{quoted(twice)} is stated twice")
+        return entries
+
+    return json.loads(text, object_pairs_hook=distinct)
 
 
 def is_text(name: str) -> bool:
