@@ -55,8 +55,7 @@ def require_file(path: StrPath, meaning: str) -> Path:
     if not os.path.isfile(source):
         if os.path.isdir(source):
             raise InvalidInputError(
-                f"{source} is a folder, not a file ({meaning}). Name a file in it; cf.read_scene "
-                "and cf.read_detections take folders."
+                f"{source} is a folder, not a file ({meaning}). Name a file in it."
             )
         raise InvalidInputError(f"There is no file {source} ({meaning}). Check the path.")
     return source
