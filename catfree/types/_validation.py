@@ -216,7 +216,7 @@ def _require_real(dtype: Any) -> None:
 
 
 def as_float(value: Any) -> Any:
-    """Convert to floats: float arrays keep their dtype, JAX arrays stay JAX arrays.
+    """Convert to floats: float arrays keep their width, JAX arrays stay JAX arrays.
 
     Other numbers become float64, and JAX arrays of whole numbers become JAX's default float.
     """
@@ -225,6 +225,8 @@ def as_float(value: Any) -> Any:
         return value if value.dtype in (jnp.float32, jnp.float64) else value.astype(float)
     array = _as_array(value)
     _require_real(array.dtype)
+    if array.dtype.kind == "f":
+        array = array.astype(array.dtype.newbyteorder("="), copy=False)
     if array.dtype not in (np.float32, np.float64):
         try:
             texts = array.flat if array.dtype.kind in "SUVO" else ()
