@@ -96,7 +96,7 @@ def plan(
     write_plan(path, document)
     each = shlex.join(["catfree", "shard", "--plan", str(path), "--index", "N"])
     print_text(
-        f"{path} has {len(parts)} shards. Run each with `{each}` (N from 0 to {len(parts) - 1}), "
+        f"{path} is the plan. Run `{each}` with N from 0 to {len(parts) - 1}, "
         f"then `{shlex.join(['catfree', 'join', str(out)])}`."
     )
 

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from catfree.errors import InvalidInputError, quoted
-from catfree.types._validation import as_boolean, as_float, is_traced, require_shape
+from catfree.geometry._arrays import as_flags
+from catfree.types._validation import as_float, is_traced, require_shape
 
 
 def as_floating(values: jax.typing.ArrayLike) -> Float[Array, "..."]:
@@ -34,7 +35,7 @@ def as_mask(
     """Convert to a boolean JAX array; None means all true."""
     if where is None:
         return jnp.ones(shape, bool)
-    mask = jnp.asarray(where if is_traced(where) else as_boolean(where, name), bool)
+    mask = as_flags(where, name)
     require_shape(mask, shape, name)
     return mask
 

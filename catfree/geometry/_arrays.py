@@ -4,13 +4,13 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Real
+from jaxtyping import Array, Bool, Float, Real
 from numpy.typing import ArrayLike
 
 from catfree.errors import InvalidInputError
 from catfree.types._annotations import HostOrDevice
 from catfree.types._rig import UNIT_TOLERANCE
-from catfree.types._validation import as_float, is_traced, require_shape
+from catfree.types._validation import as_boolean, as_float, is_traced, require_shape
 
 # Standard deviation of a zero-mean normal variable over the median of its absolute value.
 MEDIAN_TO_DEVIATION = 1.4826
@@ -42,6 +42,11 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
     ]
     dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)
     return tuple(None if c is None else jnp.asarray(c, dtype) for c in converted)
+
+
+def as_flags(values: Any, name: str) -> Bool[Array, "..."]:
+    """Convert booleans, or 0 and 1, to a JAX array, also while JAX traces."""
+    return jnp.asarray(values if is_traced(values) else as_boolean(values, name), bool)
 
 
 def require_vectors(length: int, **vectors: Any) -> None:

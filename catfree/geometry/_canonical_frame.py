@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.types import Rig, Scene
+from catfree.types._scene import require_scene
 
 
 class CanonicalFrame(eqx.Module):
@@ -29,7 +30,12 @@ class CanonicalFrame(eqx.Module):
 
     @classmethod
     def of(cls, scene: Scene) -> "CanonicalFrame":
-        """The frame of a scene."""
+        """The frame of a scene.
+
+        Raises:
+            InvalidInputError: if it is not a `Scene`.
+        """
+        require_scene(scene)
         normal = np.asarray(scene.ground.normal, np.float64)
         axes = np.column_stack([np.asarray(scene.ground.basis, np.float64), normal])
         centers = np.asarray(scene.rig.centers, np.float64)[scene.rig.registered]

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, Real, UInt32
 
-from catfree.errors import InsufficientDataError, InvalidInputError
-from catfree.geometry._arrays import Scalar, epsilon, float_arrays, require_vectors
+from catfree.errors import InsufficientDataError, InvalidInputError, quoted
+from catfree.geometry._arrays import Scalar, as_flags, epsilon, float_arrays, require_vectors
 from catfree.types import Plane, Scene
 from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import as_count, is_traced, require_instance, require_shape
@@ -193,7 +193,11 @@ def fit_plane_ransac(
         raise InvalidInputError(f"threshold is {threshold}; it must be a length, 0 or more.")
     if points.shape[0] == 0:
         raise InsufficientDataError("A plane needs 3 points, but there are none.")
-    used = jnp.ones(points.shape[0], bool) if where is None else jnp.asarray(where, bool)
+    if not hasattr(key, "dtype"):
+        raise InvalidInputError(
+            f"key is {quoted(key)}; it must be a key of JAX, such as jax.random.key(0)."
+        )
+    used = jnp.ones(points.shape[0], bool) if where is None else as_flags(where, "where")
     require_shape(used, points.shape[:1], "where")
     used = used & jnp.all(jnp.isfinite(points), axis=1)
     return _fit_plane_ransac(points, key, threshold, count, used, toward)

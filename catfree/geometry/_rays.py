@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
-from catfree.geometry._arrays import Scalar, float_arrays, require_vectors, safe_norm
+from catfree.geometry._arrays import Scalar, as_flags, float_arrays, require_vectors, safe_norm
 from catfree.geometry.camera import back_project
 from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import require_shape
@@ -140,8 +140,12 @@ def ray_weight(
     Returns:
         () w in [minimum, 1].
 
+    Raises:
+        InvalidInputError: if `ankles_confirmed` is neither true nor false.
+
     Source: paper, Eq. w.
     """
     height, median_height, ratio, minimum = float_arrays(height, median_height, ratio, minimum)
+    confirmed = as_flags(ankles_confirmed, "ankles_confirmed")
     trust = height_weight(height, median_height)
-    return jnp.maximum(jnp.where(jnp.asarray(ankles_confirmed), 1, ratio) * trust, minimum)
+    return jnp.maximum(jnp.where(confirmed, 1, ratio) * trust, minimum)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from catfree.errors import DegenerateGeometryError, InvalidInputError
-from catfree.geometry._arrays import epsilon, float_arrays, tiny
+from catfree.geometry._arrays import as_flags, epsilon, float_arrays, tiny
 from catfree.geometry._plane import from_plan
 from catfree.types import GeoReference, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
@@ -47,7 +47,8 @@ class Similarity(eqx.Module):
         """
         self.scale, self.rotation, self.translation = float_arrays(scale, rotation, translation)
         shapes = self.scale.shape, self.rotation.shape, self.translation.shape
-        if shapes != ((), 2 * shapes[2], shapes[2][:1]):
+        dims = (self.translation.size,)
+        if shapes != ((), 2 * dims, dims):
             raise InvalidInputError(
                 "A similarity needs a number as scale, a rotation (D, D) and a translation (D,); "
                 f"the shapes are {', '.join(map(str, shapes))}."
@@ -82,7 +83,12 @@ class Similarity(eqx.Module):
         return Similarity(scale, self.rotation.T, -scale * (self.rotation.T @ self.translation))
 
     def compose(self, first: "Similarity") -> "Similarity":
-        """The transform that applies `first`, then this one; also written `self @ first`."""
+        """The transform that applies `first`, then this one; also written `self @ first`.
+
+        Raises:
+            InvalidInputError: if it is not a similarity of as many dimensions.
+        """
+        require_instance(first, Similarity, "first")
         translation = self(first.translation)
         return Similarity(self.scale * first.scale, self.rotation @ first.rotation, translation)
 
@@ -117,7 +123,8 @@ def fit_similarity(
         degenerate points give one of the optimal solutions, with finite value and gradient.
 
     Raises:
-        InvalidInputError: if there are no points, or the shapes do not fit each other.
+        InvalidInputError: if there are no points, the shapes do not fit each other, or
+            `fixed_scale` is neither true nor false.
         DegenerateGeometryError: if points are not finite, or leave the rotation or scale
             undetermined (in 3-D, fewer than three distinct points, or all on a line); raised only
             for concrete values.
@@ -137,7 +144,9 @@ def fit_similarity(
             f"weights has shape {weights.shape}; it must be one number for each of the "
             f"{source.shape[0]} pairs of points."
         )
-    fitted, covariance, spread = _fit(source, target, weights, jnp.asarray(fixed_scale))
+    fixed = as_flags(fixed_scale, "fixed_scale")
+    require_shape(fixed, (), "fixed_scale")
+    fitted, covariance, spread = _fit(source, target, weights, fixed)
     if not is_traced(covariance, spread):
         _require_determined(
             np.asarray(covariance), bool(spread), int(np.sum(np.asarray(weights) > 0))

@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from catfree.geometry._similarity import Similarity, transform_scene
 from catfree.synthetic._walkers import seeded
 from catfree.types import Plane, Rig, Scene
+from catfree.types._scene import require_scene
+from catfree.types._validation import require_instance
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,11 @@ def disturb(
 
     Returns:
         The disturbed rig.
+
+    Raises:
+        InvalidInputError: if it is not a `Rig`.
     """
+    require_instance(rig, Rig, "rig")
     rng = seeded(seed)
     cameras = rig.camera_count
     axis = _directions(rng, cameras)
@@ -89,7 +95,11 @@ def disturb_ground(
 
     Returns:
         The disturbed plane.
+
+    Raises:
+        InvalidInputError: if it is not a `Plane`.
     """
+    require_instance(ground, Plane, "ground")
     rng = seeded(seed, 1)
     bearing, sign = rng.uniform(0, 2 * np.pi), rng.choice([-1.0, 1.0])
     basis = np.asarray(ground.basis)
@@ -109,7 +119,11 @@ def arbitrary_gauge(scene: Scene, seed: int = 0) -> tuple[Scene, Similarity]:
 
     Returns:
         The transformed scene, not metric, and the similarity from the old frame to the new one.
+
+    Raises:
+        InvalidInputError: if it is not a `Scene`.
     """
+    require_scene(scene)
     rng = seeded(seed, 2)
     scale = float(np.exp(rng.uniform(np.log(0.02), np.log(2.0))))
     quaternion = rng.standard_normal(4)  # uniform over rotations after normalization

@@ -14,7 +14,7 @@ from catfree.errors import InvalidInputError, quoted
 from catfree.synthetic._walkers import Area, middle_and_half, seeded
 from catfree.types import Lens, Rig, Scene
 from catfree.types._scene import metric_scene
-from catfree.types._validation import as_count
+from catfree.types._validation import as_count, as_finite, as_integer, as_positive, require_shape
 
 # Self-calibration may try 0.5, 0.7 and 0.9 image widths first. Focal lengths are drawn between
 # these bounds and at least 6 % away from each guess, so that no guess is right by chance.
@@ -75,17 +75,25 @@ def ring(
 
     Returns:
         The layout; the cameras stand 1 to 3 m outside the square's inscribed circle.
+
+    Raises:
+        InvalidInputError: if a count, a length or a size is something else.
     """
     cameras = as_count(cameras, "cameras", least=1)
+    side = as_positive(side, "side")
+    low, high = np.sort(as_finite(height, (2,), "height"))
+    size = as_integer(image_size, "image_size")
+    require_shape(size, (2,), "image_size")
+    width, rows = size.tolist()
     rng = seeded(seed, cameras)
     bearing = 2 * np.pi * (np.arange(cameras) + rng.uniform(-0.2, 0.2, cameras)) / cameras
     bearing = bearing + rng.uniform(0, 2 * np.pi)
     radius = side / 2 + rng.uniform(1.0, 3.0, cameras)
     ground = radius[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
     aim = rng.normal(0, side / 16, (cameras, 2))
-    center = np.column_stack([ground, rng.uniform(*height, cameras)])
-    focal = image_size[0] * draw_focals(rng, cameras)
-    rig = _aimed_rig(rng, center, aim, image_size, focal)
+    center = np.column_stack([ground, rng.uniform(low, high, cameras)])
+    focal = width * draw_focals(rng, cameras)
+    rig = _aimed_rig(rng, center, aim, (width, rows), focal)
     half = side / 2
     return Layout(f"ring{cameras}", rig, (-half, half, -half, half), fps, people)
 

@@ -12,6 +12,7 @@ from scipy.special import expit, ndtr
 from catfree.synthetic._silhouettes import ROWS, Silhouettes, cast_silhouettes
 from catfree.synthetic._walkers import Walkers, seeded
 from catfree.types import Detections, Rig
+from catfree.types._validation import require_instance
 
 FALSE_POSITIVE = -1  # identity of a detection that shows no person
 SMALLEST_BOX = 8.0  # pixels of height; detectors report nothing smaller
@@ -81,8 +82,12 @@ def detect(
 
     Returns:
         Detections sorted by frame, then camera, and (N,) the person in each, -1 for no person.
+
+    Raises:
+        InvalidInputError: if the model is not a `DetectorModel`.
     """
     model = DetectorModel() if model is None else model
+    require_instance(model, DetectorModel, "model")
     rng = seeded(seed, 3)
     bodies = cast_silhouettes(walkers, rig, columns)
     detected = _draw_detected(rng, bodies, walkers, rig.camera_count, model)

@@ -99,11 +99,13 @@ def make_world(
         The world.
 
     Raises:
-        InvalidInputError: if there is no such layout, columns have another shape, or as
-            `simulate_walkers`.
+        InvalidInputError: if there is no such layout, columns have another shape, the error or
+            detector is something else, or as `simulate_walkers`.
     """
     layout = make_layout(layout, seed) if isinstance(layout, str) else layout
     require_instance(layout, Layout, "layout")
+    errors = RigError() if rig_error is None else rig_error
+    require_instance(errors, RigError, "rig_error")
     people = layout.people if people is None else people
     columns = as_rows([] if columns is None else columns, 4, "columns").astype(np.float64)
     walkers = simulate_walkers(
@@ -119,7 +121,7 @@ def make_world(
         obstacles=columns[:, :3],
     )
     detections, identities = detect(walkers, layout.rig, model=detector, columns=columns, seed=seed)
-    recovered = _disturbed(layout.scene, RigError() if rig_error is None else rig_error, seed)
+    recovered = _disturbed(layout.scene, errors, seed)
     scene, similarity = arbitrary_gauge(recovered, seed)
     return World(
         detections=detections,

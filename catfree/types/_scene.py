@@ -84,7 +84,14 @@ class Plane(eqx.Module):
         return xp.stack([first, xp.cross(self.normal, first)], axis=-1)
 
     def signed_distance(self, x: Any) -> Any:
-        """Signed distance of points (..., 3) to the plane, (...), positive on the cameras' side."""
+        """Signed distance of points (..., 3) to the plane, (...), positive on the cameras' side.
+
+        Raises:
+            InvalidInputError: if points do not have three coordinates.
+        """
+        x = as_float(x)
+        if x.shape[-1:] != (3,):
+            raise InvalidInputError(f"Points must have shape (..., 3), got {x.shape}.")
         return x @ self.normal + self.offset
 
     def project(self, x: Any) -> Any:

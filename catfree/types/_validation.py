@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import json
 import os
 import types
 import typing
@@ -150,6 +151,24 @@ def require_names(
         )
 
 
+def parse_json(text: str) -> Any:
+    """Parse JSON in which no object states a key twice, of which one value would be lost.
+
+    Raises:
+        ValueError: if it is not JSON, or a key is stated twice.
+    """
+
+    def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        entries = dict(pairs)
+        if len(entries) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise ValueError(f"{quoted(twice)} is stated twice")
+        return entries
+
+    return json.loads(text, object_pairs_hook=distinct)
+
+
 def is_text(name: str) -> bool:
     """Return whether a name can be written as UTF-8; paths in another encoding cannot."""
     try:
@@ -197,7 +216,7 @@ def _require_real(dtype: Any) -> None:
 
 
 def as_float(value: Any) -> Any:
-    """Convert to floats: float arrays keep their dtype, JAX arrays stay JAX arrays.
+    """Convert to floats: float arrays keep their width, JAX arrays stay JAX arrays.
 
     Other numbers become float64, and JAX arrays of whole numbers become JAX's default float.
     """
@@ -206,6 +225,8 @@ def as_float(value: Any) -> Any:
         return value if value.dtype in (jnp.float32, jnp.float64) else value.astype(float)
     array = _as_array(value)
     _require_real(array.dtype)
+    if array.dtype.kind == "f":
+        array = array.astype(array.dtype.newbyteorder("="), copy=False)
     if array.dtype not in (np.float32, np.float64):
         try:
             texts = array.flat if array.dtype.kind in "SUVO" else ()

@@ -81,7 +81,8 @@ def test_plan_then_shards_then_join(files, tmp_path, capsys):
     words = [str(files / "boxes.parquet"), "--scene", str(files / "scene.json"), *CUT]
     assert cli.main(["plan", *words, "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert f"{plan} has 2 shards. Run each with `catfree shard --plan '{plan}' --index N`" in said
+    each = f"catfree shard --plan '{plan}' --index N"
+    assert f"{plan} is the plan. Run `{each}` with N from 0 to 1, then" in said
     assert f"`catfree join '{out}'`." in said
     for index in (1, 0):
         assert cli.main(["shard", "--plan", str(plan), "--index", str(index)]) == 0
@@ -200,7 +201,7 @@ def planned(files, tmp_path_factory):
 @pytest.mark.parametrize(
     ("index", "change", "sentence"),
     [
-        ("2", None, "There is no shard 2: the plan has 2 shards"),
+        ("2", None, "There is no shard 2: the plan counts them from 0 to 1"),
         ("-1", None, "There is no shard -1"),
         ("0", lambda text: text[:99], "is not valid JSON"),
         ("0", lambda text: text.replace("plan 1", "plan 9"), "a plan of another version"),

@@ -252,6 +252,8 @@ def test_arguments_of_a_fit_that_would_broadcast_or_fit_nothing_are_refused():
         (lambda: ransac(cloud, key, iterations=0), "iterations is 0; it must be 1 or more"),
         (lambda: ransac(cloud, key, threshold=-1.0), "threshold is -1.0; it must be a length"),
         (lambda: ransac(cloud, key, threshold=np.zeros(2)), "threshold must have shape"),
+        (lambda: ransac(cloud, 3), "key is 3; it must be a key of JAX"),
+        (lambda: ransac(cloud, key, where=[[True], []]), "lists of different lengths"),
         (lambda: fit(None), r"points must have shape \(n, 3\), got \(\)"),
         (lambda: ransac(cloud, key, threshold=np.nan), "threshold is nan; it must be a length"),
     ):

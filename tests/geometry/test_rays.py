@@ -1,5 +1,6 @@
 """Rays: pixel to world and back, angles, and ray weights."""
 
+import inspect
 import math
 
 import cv2
@@ -11,6 +12,7 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from catfree import geometry
+from catfree.errors import InvalidInputError
 
 K = np.array([[1400.0, 0, 960], [0, 1350, 540], [0, 0, 1]])
 
@@ -129,6 +131,12 @@ def test_gradients_of_ray_weights_are_finite_where_medians_are_missing():
         assert jnp.isfinite(jax.grad(geometry.height_weight)(50.0, median))
         assert jnp.isfinite(jax.grad(geometry.pose_ratio)(0.01, median))
         assert jnp.isfinite(jax.grad(geometry.pose_ratio)(median, 0.01))
+
+
+@pytest.mark.parametrize("ankles", [None, "yes", 0.5])
+def test_ankles_are_confirmed_or_not(ankles):
+    with pytest.raises(InvalidInputError, match="ankles_confirmed"):
+        inspect.unwrap(geometry.ray_weight)(10.0, 10.0, ankles, 0.5)
 
 
 def test_a_wrong_shape_is_refused_under_the_import_hook():

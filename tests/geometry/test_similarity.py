@@ -297,8 +297,22 @@ def test_a_scale_is_positive(scale):
 )
 def test_parts_of_different_dimensions_are_refused(part, values):
     parts = {"scale": 1.0, "rotation": np.eye(3), "translation": np.zeros(3)} | {part: values}
-    with pytest.raises(InvalidInputError, match=r"needs .* a rotation \(D, D\)"):
-        Similarity(**parts)
+    for wrong in (parts, {"scale": 1.0, "rotation": 1.0, "translation": 0.0}):
+        with pytest.raises(InvalidInputError, match=r"needs .* a rotation \(D, D\)"):
+            Similarity(**wrong)
+
+
+def test_a_similarity_and_a_scene_are_needed():
+    with pytest.raises(InvalidInputError, match="first must be a Similarity, got NoneType"):
+        inspect.unwrap(Similarity.compose)(Similarity.identity(3), None)
+    with pytest.raises(InvalidInputError, match="scene must be a Scene, got NoneType"):
+        inspect.unwrap(geometry.CanonicalFrame.of.__func__)(geometry.CanonicalFrame, None)
+
+
+@pytest.mark.parametrize("fixed", [None, "no", 2])
+def test_the_scale_is_fixed_or_not(fixed):
+    with pytest.raises(InvalidInputError, match="fixed_scale"):
+        inspect.unwrap(geometry.fit_similarity)(np.eye(3), np.eye(3), fixed_scale=fixed)
 
 
 def test_points_of_other_dimensions_are_refused():

@@ -292,7 +292,7 @@ def test_warnings_of_boxes_name_cameras_as_the_user_does():
     world = make_world(ring(3, image_size=(640, 360), people=3), frames=12, people=3)
     names, seen = ("north", "east", "south"), world.detections
     dead = run_stages(CameraBoxes(seen[seen.camera != 1], names), scene=world.scene)
-    assert dead.warnings[0].startswith("Camera 'east' has not one box")
+    assert dead.warnings[0].startswith("Camera 'east' has 0 of the")
     boxes = CameraBoxes(seen, names, silent=np.array([[seen.frame[0], seen.camera[0]]]))
     with pytest.raises(InvalidInputError, match=f"camera {names[seen.camera[0]]!r} has no picture"):
         run_stages(boxes, scene=world.scene)

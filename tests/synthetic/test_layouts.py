@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.errors import InvalidInputError
+from catfree.synthetic._disturbance import arbitrary_gauge, disturb, disturb_ground
 from catfree.synthetic._layouts import (
     ASSUMED_FOCALS,
     FOCAL_CLEARANCE,
@@ -14,6 +15,7 @@ from catfree.synthetic._layouts import (
     ring,
 )
 from catfree.synthetic._silhouettes import project_points
+from catfree.synthetic._simulated_detector import detect
 from catfree.synthetic._world import make_world
 
 NAMES = [*LAYOUTS, "ring4", "ring9"]
@@ -103,6 +105,22 @@ def test_unknown_layouts_are_named(name):
     [
         (make_layout, {"name": None}, "There is no layout None"),
         (make_layout, {"name": "wildtrack", "seed": -1}, "seed is -1; it must be 0 or more"),
+        (ring, {"side": -1}, "side is -1; it must be a positive number"),
+        (ring, {"height": 3}, r"height must have shape \(2\), got \(\)"),
+        (ring, {"image_size": None}, "image_size must hold whole numbers"),
+        (make_world, {"rig_error": 3, "frames": 2}, "rig_error must be a RigError, got int"),
+        (
+            detect,
+            {"walkers": None, "rig": None, "model": 3},
+            "model must be a DetectorModel, got int",
+        ),
+        (disturb, {"rig": None}, "rig must be a Rig, got NoneType"),
+        (arbitrary_gauge, {"scene": None}, "scene must be a Scene, got NoneType"),
+        (
+            disturb_ground,
+            {"ground": None, "tilt_deg": 1, "offset": 1, "about": np.zeros(3)},
+            "ground must be a Plane, got NoneType",
+        ),
         (ring, {"cameras": 0}, "cameras is 0; it must be 1 or more"),
         (make_world, {"layout": None}, "layout must be a Layout, got NoneType"),
         (make_world, {"columns": np.zeros(3)}, r"columns must have shape \(n, 4\), got \(3,\)"),

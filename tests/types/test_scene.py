@@ -21,6 +21,17 @@ UNIT = st.floats(-1, 1)
 NOBODY = Detections(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4)))
 
 
+@pytest.mark.parametrize(
+    ("points", "message"), [("abc", "got str"), ([1, 2], r"\(\.\.\., 3\), got \(2,\)")]
+)
+def test_distances_are_those_of_points(points, message):
+    plane = Plane([0, 0, 1], 1)
+    for use in (plane.signed_distance, plane.project):
+        with pytest.raises(InvalidInputError, match=message):
+            use(points)
+    np.testing.assert_array_equal(plane.project([1, 2, 3]), [1, 2, -1])
+
+
 @given(UNIT, UNIT, UNIT, st.floats(-10, 10), st.sampled_from([np.float32, np.float64]))
 def test_the_basis_is_orthonormal_right_handed_and_in_the_plane(x, y, z, offset, dtype):
     normal = np.array([x, y, z])

@@ -561,6 +561,13 @@ def test_names_of_cameras_are_cut_only_if_they_are_long():
     assert len(shown_camera(0, ["x" * 5000])) < 150
 
 
+def test_floats_of_any_byte_order_keep_their_width():
+    for kind, width in ((">f4", np.float32), ("<f4", np.float32), (">f8", np.float64)):
+        assert as_float(np.ones(3, kind)).dtype == width
+    own = np.ones(3, np.float32)
+    assert as_float(own) is own
+
+
 def test_whole_numbers_beyond_all_floats_are_refused():
     with pytest.raises(InvalidInputError, match="Expected numbers"):
         as_float(np.array([1, 10**400], object))

@@ -97,6 +97,6 @@ def shard_at(plan: Sequence[Shard], index: int) -> Shard:
     """
     if not 0 <= index < len(plan):
         raise InvalidInputError(
-            f"There is no shard {index}: the plan has {len(plan)} shards, counted from 0."
+            f"There is no shard {index}: the plan counts them from 0 to {len(plan) - 1}."
         )
     return plan[index]

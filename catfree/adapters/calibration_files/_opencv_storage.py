@@ -17,11 +17,10 @@ from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
     numbers,
-    parse_json,
     read_text,
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted
-from catfree.types._validation import as_paths
+from catfree.types._validation import as_paths, parse_json
 
 _MATRIX = "opencv-matrix"
 _YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")

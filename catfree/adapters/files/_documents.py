@@ -16,7 +16,7 @@ import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types._archive import naming_file as naming_file, read_archive
-from catfree.types._validation import as_float, as_path
+from catfree.types._validation import as_float, as_path, parse_json
 from catfree.types._writing import replacing
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -55,8 +55,7 @@ def require_file(path: StrPath, meaning: str) -> Path:
     if not os.path.isfile(source):
         if os.path.isdir(source):
             raise InvalidInputError(
-                f"{source} is a folder, not a file ({meaning}). Name a file in it; cf.read_scene "
-                "and cf.read_detections take folders."
+                f"{source} is a folder, not a file ({meaning}). Name a file in it."
             )
         raise InvalidInputError(f"There is no file {source} ({meaning}). Check the path.")
     return source
@@ -140,24 +139,6 @@ def document_of(path: StrPath, schema: str, kind: str, advice: str) -> Iterator[
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         reason = f"it lacks {error}" if isinstance(error, KeyError) else quoted(error)
         raise FileFormatError(f"{path} is damaged ({reason}). {advice}") from error
-
-
-def parse_json(text: str) -> Any:
-    """Parse JSON in which no object states a key twice, of which one value would be lost.
-
-    Raises:
-        ValueError: if it is not JSON, or a key is stated twice.
-    """
-
-    def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        entries = dict(pairs)
-        if len(entries) < len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            raise ValueError(f"{quoted(twice)} is stated twice")
-        return entries
-
-    return json.loads(text, object_pairs_hook=distinct)
 
 
 def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, np.ndarray]:

@@ -14,6 +14,7 @@ from catfree.types._validation import as_count, as_float, as_integer, require_sh
 
 FEWEST_NODES = 9  # along the shorter side
 LARGEST_ERROR = 2e-3  # radians of a ray between the nodes; a foot at 20 m moves by 4 cm
+SMALLEST_TURN = 1e-12  # steradians of a pixel, whose rays differ by a microradian
 USUAL = 0.95  # share of the rays that must be as good: a panorama's poles are not
 
 
@@ -42,8 +43,8 @@ def rig_from_rays(
 
     Raises:
         InvalidInputError: if an argument is something else; or naming the camera, if its rays have
-            a wrong shape, are not unit vectors, or differ so much between the nodes that the grid
-            does not hold them.
+            a wrong shape, are not unit vectors, are the same at all pixels, or differ so much
+            between the nodes that the grid does not hold them.
     """
     if not callable(source):
         raise InvalidInputError(
@@ -69,7 +70,12 @@ def rig_from_rays(
         around = middle + np.array([[0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]])
         right, left, below, above = _rays(source, camera, around)
         turn = np.linalg.norm(np.cross(right - left, below - above))
-        K[camera, 0, 0] = K[camera, 1, 1] = 1 / np.sqrt(max(turn, 1e-12))
+        if not turn > SMALLEST_TURN:
+            raise InvalidInputError(
+                f"The rays of camera {camera} are not finite, or all the same, around the middle "
+                "of its image. Give every pixel its own direction."
+            )
+        K[camera, 0, 0] = K[camera, 1, 1] = 1 / np.sqrt(turn)
         K[camera, :2, 2] = middle
     rays = np.stack(grids).reshape(count, shape[1], shape[0], 3)
     rig = Rig(K, R, t, size, lens=[Lens.RAYS] * count, rays=rays)

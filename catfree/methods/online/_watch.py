@@ -1,6 +1,5 @@
 """Boxes as lines of JSON in, positions as records out, while the cameras record."""
 
-import json
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +18,7 @@ from catfree.methods.online._instant_assembler import (
 from catfree.methods.online._tracker import Tracker
 from catfree.methods.online._update import Update
 from catfree.types import Detections, Tracks
-from catfree.types._validation import as_float, require_names
+from catfree.types._validation import as_float, parse_json, require_names
 
 Record = dict[str, Any]
 
@@ -199,7 +198,7 @@ def parse_frame(line: str, camera_names: Sequence[str]) -> tuple[int, float, Det
         InvalidInputError: saying what is wrong with the line.
     """
     try:
-        record = json.loads(line)
+        record = parse_json(line)
     except (ValueError, RecursionError) as error:
         raise InvalidInputError(f"{quoted(line.strip())} is not JSON: {quoted(error)}.") from error
     if not isinstance(record, dict):

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from catfree.errors import FileFormatError, InvalidInputError, needing, quoted
 from catfree.types._clock import Clock, clock_from_text, clock_to_text
+from catfree.types._validation import require_names
 
 if TYPE_CHECKING:
     import pyarrow
@@ -42,6 +43,8 @@ def to_table(columns: Mapping[str, Any], camera_names: Sequence[str] | None) -> 
         InvalidInputError: if there are more than 64 cameras, or another number of names.
     """
     arrow = require_pyarrow()
+    cameras = columns["support"].shape[1] or np.asarray(camera_names, object).size
+    require_names(camera_names, cameras)
     names = None if camera_names is None else [str(name) for name in camera_names]
     bits = _bits_of(columns["support"], columns["cameras"], names)
     frame, clock = columns["frame"], columns["clock"]
@@ -152,14 +155,10 @@ def _bits_of(support: Any, known: Any, names: list[str] | None) -> np.ndarray | 
     """(M,) the bit sets of the cameras that support each row, or None if nothing tells them."""
     count = support.shape[1]
     if count > CAMERA_BITS:
-        name = quoted(names[CAMERA_BITS]) if names and len(names) == count else CAMERA_BITS
+        name = quoted(names[CAMERA_BITS]) if names else CAMERA_BITS
         raise InvalidInputError(
             f"The column cameras has one bit for each of at most {CAMERA_BITS} cameras, but there "
             f"are {count}: camera {name} has none. Write the tracks as CSV or .npz."
-        )
-    if names is not None and count and len(names) != count:
-        raise InvalidInputError(
-            f"camera_names has {len(names)} names, but the tracks were made with {count} cameras."
         )
     if not count:
         return known

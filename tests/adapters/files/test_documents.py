@@ -25,6 +25,11 @@ def test_a_folder_is_no_target(tmp_path):
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
+def test_a_folder_is_no_document(tmp_path):
+    with pytest.raises(InvalidInputError, match=r"not a file \(plan\). Name a file in it.$"):
+        read_text(tmp_path, "plan")
+
+
 def test_text_that_utf8_cannot_hold_is_shown(tmp_path):
     with pytest.raises(InvalidInputError, match=r"camera \\udcf6st' is not valid UTF-8"):
         write_text_atomically(tmp_path / "a.txt", "camera \udcf6st")

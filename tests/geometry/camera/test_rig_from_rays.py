@@ -48,6 +48,9 @@ def test_wrong_sources_are_refused():
         cf.rig_from_rays(lambda camera, pixels: pixels, R, t, SIZE)
     with pytest.raises(InvalidInputError, match=r"rays\[0\] holds a ray that is not"):
         cf.rig_from_rays(lambda camera, pixels: 2 * panorama(camera, pixels), R, t, SIZE)
+    for fixed in ([0.0, 0.0, 1.0], [np.nan] * 3):
+        with pytest.raises(InvalidInputError, match="The rays of camera 0 are not finite, or all"):
+            cf.rig_from_rays(lambda camera, pixels, ray=fixed: [ray] * len(pixels), R, t, SIZE)
     with pytest.raises(InvalidInputError, match="got lists of different lengths"):
         cf.rig_from_rays(lambda camera, pixels: [[1, 0, 0], [1]], R, t, SIZE)
     with pytest.raises(InvalidInputError, match="R has no rotations"):

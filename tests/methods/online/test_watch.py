@@ -65,6 +65,7 @@ def test_a_line_is_read():
         ("{", "not JSON"),
         ("[" * 100_000, "not JSON"),
         ("[]", "not a JSON object"),
+        (line()[:-1] + ', "time": 8}', "'time' is stated twice"),
         ('{"camera": 0, "time": 1}', "no 'boxes'"),
         (line("west"), "no camera 'west'; there are north, south, east"),
         (line(-1), "no camera -1"),

@@ -155,5 +155,5 @@ def test_a_shard_is_found_by_its_index_or_refused(index):
     if 0 <= index < len(SHARDS):
         assert shard_at(SHARDS, index).index == index
     else:
-        with pytest.raises(InvalidInputError, match=f"no shard {index}: the plan has 2 shards"):
+        with pytest.raises(InvalidInputError, match=f"no shard {index}: .* from 0 to 1"):
             shard_at(SHARDS, index)

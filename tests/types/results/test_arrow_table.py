@@ -1,5 +1,6 @@
 """`Tracks.to_arrow` and `Tracks.from_arrow`: every number, and what other programs see."""
 
+import inspect
 import json
 import warnings
 
@@ -185,8 +186,10 @@ def test_64_cameras_have_bits_and_65_have_not():
         more.to_arrow()
     with pytest.raises(InvalidInputError, match="camera 'c64' has none"):
         more.to_arrow([f"c{camera}" for camera in range(65)])
-    with pytest.raises(InvalidInputError, match="2 names, but the tracks were made with 3"):
+    with pytest.raises(InvalidInputError, match="2 names, but there are 3 cameras"):
         one_track().to_arrow(["a", "b"])
+    with pytest.raises(InvalidInputError, match="camera_names must be a list, got set"):
+        inspect.unwrap(Tracks.to_arrow)(one_track(), {"a", "b", "c"})
 
 
 def changed(name, values, kind):

@@ -1,4 +1,4 @@
-"""Cameras that see nobody where others see people."""
+"""Cameras that see hardly anybody where others see people."""
 
 from collections.abc import Sequence
 
@@ -18,17 +18,23 @@ def blind_camera_warnings(
     settings: EvidenceSettings,
     camera_names: Sequence[str] | None = None,
 ) -> tuple[str, ...]:
-    """One sentence per camera that has not one box, though reported people are in its view."""
+    """One sentence per camera with hardly a box, though many reported people are in its view.
+
+    A camera with fewer boxes than the lowest detection rate gives has none, or false ones alone.
+    """
     boxes, rows = state.boxes, np.flatnonzero(state.kept)
-    blind = np.asarray(scene.rig.registered) & (boxes.table < 0).all((0, 2))
+    shown = (boxes.table >= 0).sum((0, 2))
+    lowest, _ = settings.detection_rate_range
+    blind = np.asarray(scene.rig.registered) & (shown < lowest * len(rows))
     if not blind.any():
         return ()
     place, frame = state.trails.mean[rows, :3], state.trails.frame[rows]
     visibility = expected_views(place, frame, boxes, state.views, settings)
     people = (np.asarray(with_pictures(visibility, frame, boxes).inside) == 1).sum(0)
     return tuple(
-        f"Camera {shown_camera(camera, camera_names)} has not one box, but {people[camera]} of the "
-        "positions are in its view: its detector failed, its video is of another time, or it "
-        "delivered no pictures (then say so with `silent`)."
-        for camera in np.flatnonzero(blind & (people > 0)).tolist()
+        f"Camera {shown_camera(camera, camera_names)} has {shown[camera]} of the {len(boxes.row)} "
+        f"boxes, but {people[camera]} of the positions are in its view: its detector failed, its "
+        "video is frozen, covered or of another time, or it delivered no pictures (then say so "
+        "with `silent`)."
+        for camera in np.flatnonzero(blind & (shown < lowest * people)).tolist()
     )
