@@ -20,7 +20,6 @@ from catfree.calibration.people.matching._verdict import (
     PlacementVerdict,
     judge_camera,
     judge_cameras,
-    weakest,
 )
 from catfree.calibration.people.matching._workspace import Workspace, prepare
 from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
@@ -134,8 +133,7 @@ def confirm(
     """
     work, state = _resume(calibration, detections, settings)
     while True:
-        verdicts = judge_cameras(work, state)
-        worst = weakest(verdicts)
+        verdicts, worst = judge_cameras(work, state)
         if worst is None:
             return _with_cameras(calibration, state, verdicts)
         state = state.without_camera(worst)

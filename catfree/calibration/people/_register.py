@@ -224,7 +224,7 @@ def describe_registration(
             f"Only {trusted} cameras can be trusted and 2 are needed "
             f"({reasons or 'no matches'}); check synchronization and overlap, or record longer."
         )
-    # A camera that cannot be trusted is kept only beside a single other one (`weakest`).
+    # A camera that cannot be trusted is kept only beside a single other one (`judge_cameras`).
     association, evidence = np.full((2, work.grid.camera_count), np.nan)
     for camera, verdict in verdicts.items():
         association[camera], evidence[camera] = verdict.association, verdict.margin
