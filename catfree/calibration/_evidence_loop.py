@@ -137,9 +137,7 @@ class EvidenceLoop:
         for done in range(rounds):
             self.report("refinement", done, rounds)
             refined = self.refine_once(best)
-            if refined is None:
-                break
-            if (1 + GAIN) * _information(refined) < least:
+            if refined is None or (1 + GAIN) * _information(refined) < least:
                 break
             moved = largest_move(best, refined)
             best, least = refined, _information(refined)
