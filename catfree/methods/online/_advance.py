@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.methods.evidence.group._appearance import PairRatios, no_looks
+from catfree.methods.evidence.group._appearance import PairRatios
 from catfree.methods.evidence.group._groups import Priors, priors_of
 from catfree.methods.evidence.observe._boxes import LONGEST_PAUSE
 from catfree.methods.evidence.observe._visibility import (
@@ -91,11 +91,8 @@ def advance(
     log_odds = existence.log_odds
 
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
-    info, population = groups.info[rows], now.population(settings)
-    looks = population.looks
-    if looks.likeness is None:
-        looks = no_looks(len(groups), state.heads.look.shape[1])
-        population = population._replace(looks=looks)
+    population = now.population(settings, state.heads.look.shape[1])
+    info, looks = groups.info[rows], population.looks
     node, followed, tracks = link(heads, info, rows, int(state.tracks), population)
 
     def of_tracks(values: Any, absent: int = 0) -> np.ndarray:
