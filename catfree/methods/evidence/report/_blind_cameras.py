@@ -25,7 +25,7 @@ def blind_camera_warnings(
         return ()
     place, frame = state.trails.mean[rows, :3], state.trails.frame[rows]
     visibility = expected_views(place, frame, boxes, state.views, settings)
-    people = (np.asarray(with_pictures(visibility, frame, boxes).inside) == 1).sum(0)
+    people = (with_pictures(visibility, frame, boxes).inside == 1).sum(0)
     return tuple(
         f"Camera {shown_camera(camera, camera_names)} has not one box, but {people[camera]} of the "
         "positions are in its view: its detector failed, its video is of another time, or it "

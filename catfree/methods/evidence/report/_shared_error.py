@@ -97,7 +97,7 @@ def mode_sums(
             sightings.slopes[..., :3] @ modes[sightings.person]
         )
         normal += np.einsum("nki,nkj->ij", moved, moved)
-        focal = np.asarray(views.focal)[view[sightings.box]]
+        focal = views.focal[view[sightings.box]]
         lever[camera] = np.einsum("nki,nk,n->ik", moved, sightings.precision, focal)
     return normal, lever
 
@@ -145,7 +145,7 @@ def offset_scatter(
     means = []
     for camera, has_offset in enumerate((field != 0).any((1, 2))):
         rows = member[member[:, camera] >= 0, camera]
-        rows = rows[np.asarray(state.measurements.used)[rows].all(1)]
+        rows = rows[state.measurements.used[rows].all(1)]
         if has_offset and len(rows):
             offset = (features_of(boxes, rows, views) * field[camera]).sum(-1)
             means.append((offset / views.focal[boxes.view[rows]][:, None]).mean(0))
