@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from catfree.methods.evidence.group._appearance import PairRatios
 from catfree.methods.evidence.group._groups import Priors, priors_of
 from catfree.methods.evidence.observe._boxes import LONGEST_PAUSE
+from catfree.methods.evidence.observe._measurement import Noise
 from catfree.methods.evidence.observe._visibility import (
     count_detections,
     expected_views,
@@ -69,7 +70,6 @@ def advance(
     """
     learned = state.learned
     noise, unit = learned.noise, float(learned.unit)
-    spread, density = float(noise.spread), float(noise.density)
     pictures = np.column_stack([np.zeros(len(silent), np.int64), silent])
     now = observe_boxes(
         detections, scene, unit, noise, settings, pictures, frames=np.zeros(1, np.int64)
@@ -83,7 +83,7 @@ def advance(
     step = usual_steps(learned, float(state.time), time)
     heads = predict(state.heads, *transition(motion, step))
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
-    priors = _priors(state, heads, density, spread, settings)
+    priors = _priors(state, heads, noise, settings)
     now = group_boxes(replace(now, motion=motion, rate=rate), settings, priors)
     predicted = views_of_groups(now, settings)
     now = judge(now, predicted, settings, learned.clutter)
@@ -150,13 +150,7 @@ def advance(
     ), current
 
 
-def _priors(
-    state: TrackerState,
-    heads: Pasts,
-    density: float,
-    spread: float,
-    settings: EvidenceSettings,
-) -> Priors:
+def _priors(state: TrackerState, heads: Pasts, noise: Noise, settings: EvidenceSettings) -> Priors:
     """Predicted places of people who are present, one for each person."""
     present = state.forward[:, 0] > state.forward[:, 1]
     seen = np.where(heads.gap == 0, 0, -1)
@@ -164,7 +158,7 @@ def _priors(
     people = people[one_per_place(people, state.weight, present, settings.personal_space)]
     precision = np.linalg.inv(people.covariance[:, :3, :3])
     vector = np.einsum("nij,nj->ni", precision, people.mean[:, :3])
-    return priors_of(people.frame, precision, vector, density, spread)
+    return priors_of(people.frame, precision, vector, noise)
 
 
 def _carry(
