@@ -221,7 +221,7 @@ def check(
     require_different_cameras(detections.frame, detections.camera, detections.box)
     require_known_cameras(detections.camera, scene.rig.camera_count)
     require_names(camera_names, scene.rig.camera_count)
-    require_boxes_in_images(detections.camera, detections.box, np.asarray(scene.rig.image_size))
+    require_boxes_in_images(detections.camera, detections.box, scene.rig.image_size)
     sights, course, seconds, alpha = watch(
         scene,
         detections,
@@ -319,8 +319,7 @@ class _Judge:
 
     def _counts(self, camera: int) -> Int[np.ndarray, "4 window"]:
         """People matched, expected and distinct, and boxes, of a camera in each window."""
-        counts = [(w.matched, w.expected, w.distinct, w.boxes) for w in self.course.windows]
-        return np.array(counts)[:, :, camera].T
+        return np.array([window.counts[:, camera] for window in self.course.windows]).T
 
     def _without_people(self, camera: int) -> _Found | None:
         """The verdict on a camera that shows nobody, or nobody for sure; None for others."""
