@@ -104,7 +104,7 @@ def advance(
     around = expected_views(trails.mean[:, :3], trails.frame, boxes, views, settings)
     evidence = evidence_of_rows(trails, now, settings)
     forward, weight = _carry(state, node.track, evidence, settings)
-    shift = ground_shift(trails, groups, now.measurements, boxes.view, views, noise, settings)
+    shift = ground_shift(trails, now, settings)
     current = PendingInstant(
         time=np.array(time),
         node=node._replace(group=np.where(node.group >= 0, np.arange(len(node.group)), -1)),
