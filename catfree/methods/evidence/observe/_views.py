@@ -66,7 +66,7 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
         The cameras as maps from the plane to pixels.
     """
     rig = scene.rig
-    registered = np.asarray(rig.registered)
+    registered = rig.registered
     count = rig.camera_count
 
     def host(value: Any, fallback: np.ndarray) -> np.ndarray:

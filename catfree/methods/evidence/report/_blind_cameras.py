@@ -20,7 +20,7 @@ def blind_camera_warnings(
 ) -> tuple[str, ...]:
     """One sentence per camera that has not one box, though reported people are in its view."""
     boxes, rows = state.boxes, np.flatnonzero(state.kept)
-    blind = np.asarray(scene.rig.registered) & (boxes.table < 0).all((0, 2))
+    blind = scene.rig.registered & (boxes.table < 0).all((0, 2))
     if not blind.any():
         return ()
     place, frame = state.trails.mean[rows, :3], state.trails.frame[rows]
