@@ -137,9 +137,7 @@ class EvidenceLoop:
         for done in range(rounds):
             self.report("refinement", done, rounds)
             refined = self.refine_once(best)
-            if refined is None:
-                break
-            if (1 + GAIN) * _information(refined) < least:
+            if refined is None or (1 + GAIN) * _information(refined) < least:
                 break
             moved = largest_move(best, refined)
             best, least = refined, _information(refined)
@@ -191,7 +189,7 @@ class EvidenceLoop:
         return None
 
     def _worst_outlier(self, calibration: Calibration, tried: set[int]) -> int | None:
-        registered = np.asarray(calibration.scene.rig.registered)
+        registered = calibration.scene.rig.registered
         boxes = np.maximum(np.bincount(self.detections.camera, minlength=len(registered)), 1)
         support = np.where(registered, calibration.sightings / boxes, np.nan)
         return worst_outlier(calibration.camera_residual, support, self.settings.calibration, tried)
@@ -207,7 +205,7 @@ def _information(calibration: Calibration) -> float:
 
 def largest_move(before: Calibration, after: Calibration) -> float:
     """Largest move of a camera center between two rigs, in standard deviations of the second."""
-    registered = np.asarray(after.scene.rig.registered)
+    registered = after.scene.rig.registered
     distance = np.asarray(after.scene.rig.centers) - np.asarray(before.scene.rig.centers)
     variance = np.trace(after.center_covariance, axis1=1, axis2=2) / 3
     return float(

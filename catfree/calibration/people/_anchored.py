@@ -126,7 +126,7 @@ def anchored(
     index, earth = resolve_anchors(anchors, rig.image_size, camera_names)
     if not anchors:
         return calibration
-    registered = np.asarray(rig.registered)
+    registered = rig.registered
     cameras = np.nan_to_num(of_rig(rig))
     stated = measurements_of(anchors, index, rig, earth)
     usable = [m for m in stated if registered[m.camera]]
@@ -470,7 +470,7 @@ def _described(
 ) -> Calibration:
     """The calibration of the fitted cameras in the frame of the anchors."""
     rig, count = calibration.scene.rig, len(fit.cameras)
-    known = np.asarray(rig.registered)
+    known = rig.registered
     cameras, J = map_cameras(fit.cameras, fit.frame)
     covariance = (J @ fit.covariance @ J.T).reshape(count, 7, count, 7)
     focal = np.exp(cameras[:, LOG_FOCAL])

@@ -20,7 +20,6 @@ from catfree.calibration.people.matching._verdict import (
     PlacementVerdict,
     judge_camera,
     judge_cameras,
-    weakest,
 )
 from catfree.calibration.people.matching._workspace import Workspace, prepare
 from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
@@ -134,8 +133,7 @@ def confirm(
     """
     work, state = _resume(calibration, detections, settings)
     while True:
-        verdicts = judge_cameras(work, state)
-        worst = weakest(verdicts)
+        verdicts, worst = judge_cameras(work, state)
         if worst is None:
             return _with_cameras(calibration, state, verdicts)
         state = state.without_camera(worst)
@@ -202,9 +200,7 @@ def _with_cameras(
     association = np.where(kept, calibration.association_rate, np.nan)
     evidence = np.where(kept, calibration.log_likelihood_ratio, np.nan)
     for camera, verdict in verdicts.items():
-        association[camera] = verdict.association
-        evidence[camera] = verdict.margin
-    covariance = np.where(kept[:, None, None], calibration.center_covariance, np.nan)
+        association[camera], evidence[camera] = verdict.association, verdict.margin
     pairs = np.logical_and.outer(kept, kept)[:, None, :, None]
     present = np.logical_and.outer(state.placed, state.placed)[:, None, :, None]
     joint = np.where(pairs, calibration.camera_covariance, np.where(present, np.nan, 0.0))
@@ -220,7 +216,7 @@ def _with_cameras(
         focal_sd=np.where(kept, calibration.focal_sd, np.nan),
         camera_covariance=joint,
         distortion_sd=np.where(kept, calibration.distortion_sd, np.nan),
-        center_covariance=covariance,
+        center_covariance=np.where(kept[:, None, None], calibration.center_covariance, np.nan),
         camera_residual=np.where(kept, calibration.camera_residual, np.nan),
         sightings=np.where(kept, calibration.sightings, 0),
     )

@@ -20,7 +20,7 @@ from catfree.calibration.people.adjustment._people_bundle import (
     adjust_people_bundle,
     weak_prior,
 )
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig, scene_of
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, of_rig, scene_of
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, map_ground
 from catfree.calibration.people.cameras._rig_deviation import (
     crowd_deviation,
@@ -78,7 +78,7 @@ def refine_with_correspondences(
             "first, and fit it to the anchors afterwards."
         )
     rig = calibration.scene.rig
-    registered = np.asarray(rig.registered)
+    registered = rig.registered
     members = as_integer(members, "members")
     require_shape(members, (None, len(registered)), "members")
     members = np.where(registered, members, -1)
@@ -128,7 +128,7 @@ def refine_with_correspondences(
     result = (
         (bent if is_bent else ideal) if spread == alike else solved(spread=spread, bent=is_bent)
     )
-    adjusted = np.isfinite(result.parameters[:, LOG_FOCAL])
+    adjusted, own = np.isfinite(result.parameters[:, LOG_FOCAL]), result.own_covariance
     parameters = np.where(adjusted[:, None], result.parameters, parameters)
     scene = scene_of(parameters, rig.image_size, np.where(adjusted, result.k1, k1))
     instants = len(np.unique(np.asarray(detections.frame)[row]))
@@ -142,11 +142,11 @@ def refine_with_correspondences(
         distortion_sd=np.where(adjusted, repeats**0.25 * result.k1_sd, calibration.distortion_sd),
         focal_sd=np.where(
             adjusted,
-            np.exp(parameters[:, LOG_FOCAL]) * result.focal_deviation,
+            np.exp(parameters[:, LOG_FOCAL]) * np.sqrt(own[:, LOG_FOCAL, LOG_FOCAL]),
             calibration.focal_sd,
         ),
         center_covariance=np.where(
-            adjusted[:, None, None], result.center_covariance, calibration.center_covariance
+            adjusted[:, None, None], own[:, X:, X:], calibration.center_covariance
         ),
         camera_covariance=np.where(
             np.logical_and.outer(adjusted, adjusted)[:, None, :, None],

@@ -30,7 +30,7 @@ class RadialLenses:
     @classmethod
     def of(cls, rig: Rig) -> "RadialLenses":
         """Lenses of a rig; unregistered cameras get the median lens of the others."""
-        known = np.asarray(rig.registered)
+        known = rig.registered
         k1 = radial_distortion(rig)
         size = rig.image_size.max(1)
         share = np.asarray(rig.K, np.float64)[:, 0, 0] / size

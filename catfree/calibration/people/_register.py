@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.anchors._anchors import AnchorCheck
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, scene_of
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, scene_of
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_deviation
 from catfree.calibration.people.matching._workspace import Workspace, prepare
 from catfree.calibration.people.search._clock_offsets import find_offsets
@@ -224,11 +224,11 @@ def describe_registration(
             f"Only {trusted} cameras can be trusted and 2 are needed "
             f"({reasons or 'no matches'}); check synchronization and overlap, or record longer."
         )
-    # A camera that cannot be trusted is kept only beside a single other one (`weakest`).
+    # A camera that cannot be trusted is kept only beside a single other one (`judge_cameras`).
     association, evidence = np.full((2, work.grid.camera_count), np.nan)
     for camera, verdict in verdicts.items():
         association[camera], evidence[camera] = verdict.association, verdict.margin
-    placed, parameters = state.placed, state.parameters
+    placed, parameters, own = state.placed, state.parameters, bundle.own_covariance
     crowd_sd = crowd_deviation(len(bundle.people) / work.grid.frame_count, work.settings)
     # The boxes were straightened for another focal length.
     ratio = np.exp(parameters[:, LOG_FOCAL]) / work.lenses.focal
@@ -237,10 +237,10 @@ def describe_registration(
         scene=scene_of(parameters, work.grid.size, k1),
         association_rate=association,
         log_likelihood_ratio=evidence,
-        focal_sd=np.exp(parameters[:, LOG_FOCAL]) * bundle.focal_deviation,
+        focal_sd=np.exp(parameters[:, LOG_FOCAL]) * np.sqrt(own[:, LOG_FOCAL, LOG_FOCAL]),
         camera_covariance=bundle.camera_covariance(),
         distortion_sd=np.where(placed, bundle.k1_sd, np.nan),
-        center_covariance=np.where(placed[:, None, None], bundle.center_covariance, np.nan),
+        center_covariance=np.where(placed[:, None, None], own[:, X:, X:], np.nan),
         shared_focal=False,
         scale_sd=np.hypot(
             scale_deviation(parameters, bundle.camera_covariance(), placed),

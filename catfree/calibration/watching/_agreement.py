@@ -41,10 +41,8 @@ class Window(NamedTuple):
         stop: step after the last one.
         matrix: (G, 8C, 8C) information of each person (group) on the errors of all cameras.
         vector: (G, 8C) its product with them, so that their sum is solved for the errors.
-        matched: (C,) people matched with a box.
-        expected: (C,) people who should be in the image.
-        distinct: (C,) distinct people who should be in the image.
-        boxes: (C,) number of boxes.
+        counts: (4, C) people matched with a box, people who should be in the image, distinct ones
+            among these, and boxes.
         errors: (C, 8) of the cameras, from the boxes of this window.
     """
 
@@ -52,10 +50,7 @@ class Window(NamedTuple):
     stop: int
     matrix: Float[np.ndarray, "group p p"]
     vector: Float[np.ndarray, "group p"]
-    matched: Int[np.ndarray, " cam"]
-    expected: Int[np.ndarray, " cam"]
-    distinct: Int[np.ndarray, " cam"]
-    boxes: Int[np.ndarray, " cam"]
+    counts: Int[np.ndarray, "4 cam"]
     errors: Float[np.ndarray, "cam 8"]
 
 
@@ -84,7 +79,7 @@ def solve_window(
     people, count = sights.people, len(sights.place)
     person = people.between(begin, stop)
     errors = start.copy()
-    registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
+    registered = np.flatnonzero(sights.scene.rig.registered)
     present = (sights.boxes.frame >= begin) & (sights.boxes.frame < stop)
     boxes = np.bincount(sights.boxes.camera[present], minlength=count)
     if shifts is not None:
@@ -96,16 +91,14 @@ def solve_window(
     solved = _solve(sights, person, people.state[person], errors, begun)
     for _ in range(ROUNDS - 1):
         solved = _solve(sights, person, solved.state, solved.errors, begun)
-    matched, expected, distinct = np.zeros((3, count), np.int64)
+    counts = np.zeros((4, count), np.int64)
+    counts[3] = boxes
     for camera, found in zip(registered.tolist(), solved.matches, strict=True):
         # A camera's own boxes do not make a person expected.
         others = people.seen_by_others(camera, found.expected)
-        expected[camera] = len(others)
-        matched[camera] = np.isin(found.person, others).sum()
-        distinct[camera] = len(np.unique(people.track[others]))
-    matrix, vector = solved.of_tracks(people.track[person])
-    counts = matched, expected, distinct, boxes
-    return Window(begin, stop, matrix, vector, *counts, solved.errors)
+        matched, distinct = np.isin(found.person, others).sum(), np.unique(people.track[others])
+        counts[:3, camera] = matched, len(others), len(distinct)
+    return Window(begin, stop, *solved.of_tracks(people.track[person]), counts, solved.errors)
 
 
 class _Equations(NamedTuple):
@@ -209,7 +202,7 @@ def _solve(
     Errors that no person constrains stay as they were when the window was `begun`.
     """
     people, boxes, count = sights.people, sights.boxes, len(sights.place)
-    registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
+    registered = np.flatnonzero(sights.scene.rig.registered)
     matches = match_boxes(sights, person, state, registered, present[registered])
     m, p = len(person), PARAMETERS * count
     errors, quick = slice(0, PARAMETERS), np.flatnonzero(np.arange(p) % PARAMETERS < 4)

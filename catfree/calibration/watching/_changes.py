@@ -40,11 +40,10 @@ class Change(NamedTuple):
     kind: slice
     window: int
 
-    @property
-    def columns(self) -> slice:
-        """The parameters among those of all cameras."""
-        begin = PARAMETERS * self.camera
-        return slice(begin + self.kind.start, begin + self.kind.stop)
+
+def columns_of(camera: int, kind: slice) -> slice:
+    """Where the parameters of a kind of one camera are among those of all cameras."""
+    return slice(PARAMETERS * camera + kind.start, PARAMETERS * camera + kind.stop)
 
 
 @dataclass(frozen=True)
@@ -122,9 +121,9 @@ class Course:
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
         """Sum changes of one camera and kind; return the sum and its covariance."""
         camera, kind, _ = self.changes[indices[0]]
-        which, columns = KINDS.index(kind), self.changes[indices[0]].columns
+        which = KINDS.index(kind)
         begins = np.array([self.changes[index].window for index in indices])
-        design = (self.design[begins] - self.design[begins - 1]).sum(0)[columns]
+        design = (self.design[begins] - self.design[begins - 1]).sum(0)[columns_of(camera, kind)]
         design[:, : (PARAMETERS + 1) * len(self.noise)] = 0  # what grows with time
         covariance = self.noise[camera, which] * design @ self.covariance @ design.T
         return design @ self.value, covariance + FLOORS[which] * np.eye(len(design))
@@ -185,7 +184,7 @@ def _fitted(
         [
             np.broadcast_to(every, matrix.shape),
             time[:, None, None] * every[:, LAGS],
-            *((window >= change.window) * every[:, change.columns] for change in changes),
+            *((window >= begin) * every[:, columns_of(c, kind)] for c, kind, begin in changes),
         ],
         axis=2,
     )
@@ -229,7 +228,7 @@ def _noise(
         rest = window.vector - window.matrix @ error
         for camera in range(cameras):
             for which, kind in enumerate(KINDS):
-                columns = Change(camera, kind, 0).columns
+                columns = columns_of(camera, kind)
                 scatter = _scatter(rest[:, columns], window.matrix[:, columns, columns])
                 squared[camera, which] += scatter[0]
                 expected[camera, which] += scatter[1]
@@ -262,7 +261,7 @@ def _strongest(course: Course, camera: int, kind: slice, first: int) -> tuple[fl
     best: tuple[float, Change | None] = (1.0, None)
     if len(course.windows) < FEWEST_WINDOWS:
         return best
-    columns = Change(camera, kind, 0).columns
+    columns = columns_of(camera, kind)
     size, which = columns.stop - columns.start, KINDS.index(kind)
     score, information = course.rest[:, columns], course.matrix[:, columns, columns]
     noise, freedom = course.noise[camera, which], course.freedom[camera, which]

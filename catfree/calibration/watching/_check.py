@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import ndtri
 
-from catfree.calibration.watching._changes import Change, Course, as_turns, lost_since
+from catfree.calibration.watching._changes import Course, as_turns, columns_of, lost_since
 from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
 from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, Sights, linear
 from catfree.calibration.watching._swapped import FEWEST_EXPECTED, swapped_cameras
@@ -221,7 +221,7 @@ def check(
     require_different_cameras(detections.frame, detections.camera, detections.box)
     require_known_cameras(detections.camera, scene.rig.camera_count)
     require_names(camera_names, scene.rig.camera_count)
-    require_boxes_in_images(detections.camera, detections.box, np.asarray(scene.rig.image_size))
+    require_boxes_in_images(detections.camera, detections.box, scene.rig.image_size)
     sights, course, seconds, alpha = watch(
         scene,
         detections,
@@ -249,12 +249,12 @@ def check(
 
 
 class _Found(NamedTuple):
-    """A verdict, since when, and what to do about it."""
+    """A verdict, what to do about it, and since when."""
 
     verdict: Verdict
-    since: int | None
-    since_sd: float | None
     advice: str
+    since: int | None = None
+    since_sd: float | None = None
 
 
 @dataclass(frozen=True)
@@ -278,7 +278,7 @@ class _Judge:
     def camera(self, camera: int) -> CameraCheck:
         """Judge one camera."""
         sights, last = self.sights, len(self.course.windows) - 1
-        of_lag, of_turn = (Change(camera, kind, 0).columns for kind in (LAG, TURN))
+        of_lag, of_turn = (columns_of(camera, kind) for kind in (LAG, TURN))
         value, covariance = self.course.at(last)
         lag = value[of_lag].item()
         lag_sd = float(np.sqrt(covariance[of_lag, of_lag].item()))
@@ -319,16 +319,15 @@ class _Judge:
 
     def _counts(self, camera: int) -> Int[np.ndarray, "4 window"]:
         """People matched, expected and distinct, and boxes, of a camera in each window."""
-        counts = [(w.matched, w.expected, w.distinct, w.boxes) for w in self.course.windows]
-        return np.array(counts)[:, :, camera].T
+        return np.array([window.counts[:, camera] for window in self.course.windows]).T
 
     def _without_people(self, camera: int) -> _Found | None:
         """The verdict on a camera that shows nobody, or nobody for sure; None for others."""
         matched, expected, distinct, boxes = self._counts(camera)
         if not self.sights.scene.rig.registered[camera]:
-            return _Found(Verdict.DOUBTFUL, None, None, UNREGISTERED)
+            return _Found(Verdict.DOUBTFUL, UNREGISTERED)
         if expected.sum() < FEWEST_EXPECTED:
-            return _Found(Verdict.DOUBTFUL, None, None, TOO_FEW)
+            return _Found(Verdict.DOUBTFUL, TOO_FEW)
         some = (expected > 0) & (boxes > 0)  # a camera that died early was alive before
         share = float(np.median(matched[some] / expected[some])) if some.any() else 0.0
         usual = max(share, LEAST_MATCHED)
@@ -338,9 +337,9 @@ class _Judge:
             dead = not boxes[lost:].any()
             verdict = Verdict.DEAD if dead else Verdict.MOVED
             when = "" if since is None else f"Since about frame {since}. "
-            return _Found(verdict, since, None, when + (SILENT if dead else ELSEWHERE))
+            return _Found(verdict, when + (SILENT if dead else ELSEWHERE), since)
         if matched.sum() < LEAST_MATCHED * expected.sum():
-            return _Found(Verdict.DOUBTFUL, None, None, UNMATCHED if boxes.any() else SILENT)
+            return _Found(Verdict.DOUBTFUL, UNMATCHED if boxes.any() else SILENT)
         return None
 
     def _from_errors(
@@ -359,15 +358,15 @@ class _Judge:
             (jumps, Verdict.LATE, LATE_SINCE),
         ):
             if changes:
-                since, deviation = time_of_change(self.sights, self.course, changes[-1])
-                return _Found(verdict, since, deviation, advice)
+                since = time_of_change(self.sights, self.course, changes[-1])
+                return _Found(verdict, advice, *since)
         if off > MOVED:
-            return _Found(Verdict.MOVED, None, None, MOVED_ALWAYS)
+            return _Found(Verdict.MOVED, MOVED_ALWAYS)
         if is_late:
-            return _Found(Verdict.LATE, None, None, LATE_ALWAYS)
+            return _Found(Verdict.LATE, LATE_ALWAYS)
         if off > DOUBTFUL:
-            return _Found(Verdict.DOUBTFUL, None, None, OFF)
-        return _Found(Verdict.FITS, None, None, "Nothing to do.")
+            return _Found(Verdict.DOUBTFUL, OFF)
+        return _Found(Verdict.FITS, "Nothing to do.")
 
     def _changes(self, camera: int, kind: slice) -> list[int]:
         """Indices of the changes of one camera and kind, in order of time."""

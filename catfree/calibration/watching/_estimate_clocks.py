@@ -160,7 +160,7 @@ def estimate_clocks(
         localization=localization,
         progress=progress,
     )
-    step, registered = sights.step, np.asarray(scene.rig.registered)
+    step, registered = sights.step, scene.rig.registered
     constant, covariance = course.constant()
     rate, rate_covariance = course.rates()
 

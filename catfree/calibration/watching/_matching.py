@@ -190,8 +190,6 @@ def best(
 ) -> Float[np.ndarray, "8"]:
     """The error of a camera with most matches; the present one unless another is clearly better."""
     frame = sights.boxes.frame[sights.boxes.of_camera(camera)]
-    if not len(frame):
-        return present
     errors = np.vstack([present, tried])
     cameras = np.full(len(errors), camera)
     matches = match_boxes(sights, person, sights.people.state[person], cameras, errors)
@@ -201,11 +199,7 @@ def best(
         shown = sights.people.frame[one.expected] + shift
         return one.score / max(np.count_nonzero((shown >= frame[0]) & (shown <= frame[-1])), 1)
 
-    present_share, *shares = map(share, matches, whole_steps(errors))
-    least = max(BETTER * matches[0].score, matches[0].score + FEWEST)
-    better = [
-        (other.score, -index)
-        for index, (other, by_other) in enumerate(zip(matches[1:], shares, strict=True))
-        if other.score >= least and by_other >= BETTER * present_share
-    ]
-    return tried[-max(better)[1]] if better else present
+    score = np.array([one.score for one in matches])
+    shares = np.array(list(map(share, matches, whole_steps(errors))))
+    better = (score >= max(BETTER * score[0], score[0] + FEWEST)) & (shares >= BETTER * shares[0])
+    return errors[np.where(better, score, -1.0).argmax()]

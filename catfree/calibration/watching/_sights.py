@@ -132,7 +132,7 @@ class Sights:
         pixel, is_imaged = pixels_of_points(
             self.scene.rig, camera, state[:, :2] @ basis.T + height * normal
         )
-        size = np.asarray(self.scene.rig.image_size)[camera]
+        size = self.scene.rig.image_size[camera]
         with np.errstate(invalid="ignore"):
             return is_imaged & ((pixel >= 0) & (pixel <= size - 1)).all(-1)
 
@@ -153,7 +153,7 @@ def sights(
         InvalidInputError: if the localization was made from other boxes.
     """
     confident = detections[is_confident(detections, settings.confidence)]
-    if not np.asarray(scene.rig.registered)[confident.camera].any():
+    if not scene.rig.registered[confident.camera].any():
         raise InsufficientDataError(
             "Checking a rig needs confident boxes of its registered cameras, but there are none. "
             "Check that the detections belong to the scene, and their scores."
@@ -183,14 +183,14 @@ def _places(scene: Scene) -> Float[np.ndarray, "cam 3 4"]:
     turn = R @ np.column_stack([basis, normal])
     place = t - R @ (float(ground.offset) * normal)
     joined = np.concatenate([turn, place[..., None]], -1)
-    return np.where(np.asarray(rig.registered)[:, None, None], joined, np.eye(3, 4))
+    return np.where(rig.registered[:, None, None], joined, np.eye(3, 4))
 
 
 def _boxes(
     scene: Scene, detections: Detections, settings: EvidenceSettings, first: int, step: int
 ) -> SightedBoxes:
     rig = scene.rig
-    row = np.flatnonzero(np.asarray(rig.registered)[detections.camera])
+    row = np.flatnonzero(rig.registered[detections.camera])
     row = row[np.lexsort((detections.frame[row], detections.camera[row]))]
     camera, box = detections.camera[row], np.asarray(detections.box, np.float64)[row]
     middle = (box[:, 0] + box[:, 2]) / 2

@@ -75,10 +75,10 @@ class EvidenceState(eqx.Module):
         """(k,) the reported rows with boxes."""
         return np.flatnonzero(self.kept & (self.trails.group >= 0))
 
-    def population(self, settings: EvidenceSettings) -> Population:
-        """What the state knows of all people and frames together."""
+    def population(self, settings: EvidenceSettings, dim: int = 0) -> Population:
+        """What the state knows of all people and frames; `dim` numbers per embedding it ignores."""
         density, spread = float(self.noise.density), float(self.noise.spread)
-        looks = no_looks(len(self.groups))
+        looks = no_looks(len(self.groups), dim)
         if self.ratios is not None and settings.link_by_looks:
             looks = looks_of(self.ratios, self.groups.member)
         return Population(self.boxes.time, self.motion, density, spread, settings, looks)

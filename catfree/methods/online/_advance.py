@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.methods.evidence.group._appearance import PairRatios, no_looks
+from catfree.methods.evidence.group._appearance import PairRatios
 from catfree.methods.evidence.group._groups import Priors, priors_of
 from catfree.methods.evidence.observe._boxes import LONGEST_PAUSE
+from catfree.methods.evidence.observe._measurement import Noise
 from catfree.methods.evidence.observe._visibility import (
     count_detections,
     expected_views,
@@ -69,7 +70,6 @@ def advance(
     """
     learned = state.learned
     noise, unit = learned.noise, float(learned.unit)
-    spread, density = float(noise.spread), float(noise.density)
     pictures = np.column_stack([np.zeros(len(silent), np.int64), silent])
     now = observe_boxes(
         detections, scene, unit, noise, settings, pictures, frames=np.zeros(1, np.int64)
@@ -83,7 +83,7 @@ def advance(
     step = usual_steps(learned, float(state.time), time)
     heads = predict(state.heads, *transition(motion, step))
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
-    priors = _priors(state, heads, density, spread, settings)
+    priors = _priors(state, heads, noise, settings)
     now = group_boxes(replace(now, motion=motion, rate=rate), settings, priors)
     predicted = views_of_groups(now, settings)
     now = judge(now, predicted, settings, learned.clutter)
@@ -91,11 +91,8 @@ def advance(
     log_odds = existence.log_odds
 
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
-    info, population = groups.info[rows], now.population(settings)
-    looks = population.looks
-    if looks.likeness is None:
-        looks = no_looks(len(groups), state.heads.look.shape[1])
-        population = population._replace(looks=looks)
+    population = now.population(settings, state.heads.look.shape[1])
+    info, looks = groups.info[rows], population.looks
     node, followed, tracks = link(heads, info, rows, int(state.tracks), population)
 
     def of_tracks(values: Any, absent: int = 0) -> np.ndarray:
@@ -107,7 +104,7 @@ def advance(
     around = expected_views(trails.mean[:, :3], trails.frame, boxes, views, settings)
     evidence = evidence_of_rows(trails, now, settings)
     forward, weight = _carry(state, node.track, evidence, settings)
-    shift = ground_shift(trails, groups, now.measurements, boxes.view, views, noise, settings)
+    shift = ground_shift(trails, now, settings)
     current = PendingInstant(
         time=np.array(time),
         node=node._replace(group=np.where(node.group >= 0, np.arange(len(node.group)), -1)),
@@ -153,13 +150,7 @@ def advance(
     ), current
 
 
-def _priors(
-    state: TrackerState,
-    heads: Pasts,
-    density: float,
-    spread: float,
-    settings: EvidenceSettings,
-) -> Priors:
+def _priors(state: TrackerState, heads: Pasts, noise: Noise, settings: EvidenceSettings) -> Priors:
     """Predicted places of people who are present, one for each person."""
     present = state.forward[:, 0] > state.forward[:, 1]
     seen = np.where(heads.gap == 0, 0, -1)
@@ -167,7 +158,7 @@ def _priors(
     people = people[one_per_place(people, state.weight, present, settings.personal_space)]
     precision = np.linalg.inv(people.covariance[:, :3, :3])
     vector = np.einsum("nij,nj->ni", precision, people.mean[:, :3])
-    return priors_of(people.frame, precision, vector, density, spread)
+    return priors_of(people.frame, precision, vector, noise)
 
 
 def _carry(

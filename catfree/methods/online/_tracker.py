@@ -130,15 +130,13 @@ class Tracker:
             current = no_rows(self.scene.rig.camera_count)
             if not np.isnan(state.learned.unit):
                 state, instant = advance(state, boxes, time, silent, self.scene, settings)
-                support = np.append(usable_rows, -1)[instant.support]
-                instant = instant._replace(support=support)
+                instant = instant._replace(support=np.append(usable_rows, -1)[instant.support])
                 state, current = provisional(state, instant, settings)
                 state = replace(state, window=(*state.window, instant))
             state = replace(state, count=np.asarray(state.count + 1), time=np.array(time))
             # Sums of decimal fractions are not exact.
             final_until = time - self.lag + 1e-6
             if self.lag == math.inf:
-                state = replace(state, window=())
                 state = self._record(state, detections, time, silent)
             ready = sum(float(i.time) <= final_until for i in state.window)
             state, final, events = finalize(state, settings, ready)
@@ -229,11 +227,12 @@ class Tracker:
     def _record(
         self, state: TrackerState, detections: Detections, time: float, silent: np.ndarray
     ) -> TrackerState:
-        """Keep the boxes for `finish`."""
+        """Keep the boxes for `finish`, which needs nothing else."""
         frame = _frame(time)
         rows = np.column_stack([np.full(len(silent), frame), silent])
         return replace(
             state,
+            window=(),
             recording=(*state.recording, _copied(detections, slice(None), frame)),
             silent=np.concatenate([state.silent, rows]),
         )
@@ -249,8 +248,7 @@ class Tracker:
     def _tracks(self, rows: Reported, time: float) -> Tracks:
         """Convert to the frame and units of the scene, sorted by frame and identity."""
         scene, learned = self.scene, self._state.learned
-        registered = np.asarray(scene.rig.registered)
-        origin = to_plan(scene, np.asarray(scene.rig.centers)[registered]).mean(0)
+        origin = to_plan(scene, np.asarray(scene.rig.centers)[scene.rig.registered]).mean(0)
         unit = float(np.nan_to_num(learned.unit, nan=1.0))
         pace = unit / float(np.nan_to_num(learned.step, nan=1.0)) / TICKS.frame_rate
         tracks = tracks_of(rows, scene, origin, unit, pace, _clock(time))

@@ -248,9 +248,7 @@ def _seconds(value: Any) -> float:
         if moment.tzinfo is None:
             raise InvalidInputError(f"time {quoted(value)} has no zone; end it with Z for UTC.")
         return moment.timestamp()
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not abs(value) < 1e15:
         raise InvalidInputError(f"time is {quoted(value)}; it must be a number of seconds.")
-    seconds = float(value) if abs(value) < 1e15 else math.nan
-    if not math.isfinite(seconds):
-        raise InvalidInputError(f"time is {quoted(value)}; it must be a number of seconds.")
-    return seconds
+    return float(value)

@@ -29,8 +29,8 @@ def windows(errors, seed=0, *, noise=1.0, groups=4):
             matrix.append(information)
             vector.append(information @ (error + off))
         told = np.array(matrix), np.array(vector)
-        blank = np.zeros(p // 8, np.int64)
-        result.append(Window(10 * w, 10 * w + 10, *told, *[blank] * 4, error.reshape(-1, 8)))
+        blank = np.zeros((4, p // 8), np.int64)
+        result.append(Window(10 * w, 10 * w + 10, *told, blank, error.reshape(-1, 8)))
     return result
 
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -5,9 +7,12 @@ import pytest
 import catfree as cf
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.observe._boxes import Boxes
-from catfree.methods.evidence.observe._measurement import Measurements
+from catfree.methods.evidence.observe._measurement import Measurements, start_noise
+from catfree.methods.evidence.passes._observe_boxes import observe_boxes
+from catfree.settings import EvidenceSettings
 
 HEIGHT = 1.7
+RULES = EvidenceSettings()
 
 
 def make_rig(count=5, radius=9.0, height=3.0, focal=900.0, roll=0.0):
@@ -57,6 +62,17 @@ def measured(count, deviation):
         np.full((count, 3), float(deviation)), np.ones((count, 3), bool),
         np.zeros(count, int), np.ones(count, bool),
     )  # fmt: skip
+
+
+def state_of_boxes(scene, camera, deviation, unit=HEIGHT, rules=RULES):
+    """State of one frame with boxes of which only their cameras and deviation are known."""
+    count, boxes = scene.rig.camera_count, len(camera)
+    none = cf.Detections(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4)))
+    state = observe_boxes(
+        none, scene, unit, start_noise(count, rules), rules, frames=np.zeros(1, int)
+    )
+    bare = bare_boxes(np.zeros(boxes, int), camera, np.full((1, count, 1), -1))
+    return replace(state, boxes=bare, measurements=measured(boxes, deviation))
 
 
 def box_of(rig, camera, xy, height=HEIGHT):

@@ -109,9 +109,10 @@ class BundleResult:
     k1_sd: Float[np.ndarray, " cam"]
 
     @property
-    def focal_deviation(self) -> Float[np.ndarray, " cam"]:
-        """(C,) relative standard deviation of each focal length, 0 for cameras without boxes."""
-        return np.sqrt(np.diag(self.covariance)[LOG_FOCAL:-1:7])
+    def own_covariance(self) -> Float[np.ndarray, "cam 7 7"]:
+        """(C, 7, 7) covariance of each camera, 0 for cameras without boxes."""
+        index = 7 * np.arange(len(self.parameters))[:, None] + np.arange(7)
+        return self.covariance[index[:, :, None], index[:, None, :]]
 
     def camera_covariance(self, repeats: float = 1.0) -> Float[np.ndarray, "cam 7 cam 7"]:
         """(C, 7, C, 7) covariance of the cameras.
@@ -126,12 +127,6 @@ class BundleResult:
         total = np.sqrt(repeats) * (self.covariance - fixed) + fixed
         count = len(self.parameters)
         return total[:-1, :-1].reshape(count, 7, count, 7)
-
-    @property
-    def center_covariance(self) -> Float[np.ndarray, "cam 3 3"]:
-        """(C, 3, 3) covariance of each camera center in square meters."""
-        index = 7 * np.arange(len(self.parameters))[:, None] + np.arange(X, Z + 1)
-        return self.covariance[index[:, :, None], index[:, None, :]]
 
 
 class _Boxes(NamedTuple):

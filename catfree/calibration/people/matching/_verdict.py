@@ -118,18 +118,18 @@ def judge_camera(
     return PlacementVerdict(evidence, association, matches, margin, shortcomings)
 
 
-def judge_cameras(work: Workspace, state: RigState) -> dict[int, PlacementVerdict]:
-    """Judge every placed camera against the map of the others, on all frames."""
+def judge_cameras(
+    work: Workspace, state: RigState
+) -> tuple[dict[int, PlacementVerdict], int | None]:
+    """Judge every placed camera against the map of the others, on all frames.
+
+    Returns:
+        The verdicts, and the camera to remove next, if one is not accepted; at least two remain.
+    """
     cameras = np.flatnonzero(state.placed).tolist()
-    return {c: judge_camera(work, work.grid, state, c) for c in cameras}
-
-
-def weakest(verdicts: dict[int, PlacementVerdict]) -> int | None:
-    """The camera to remove next, if one is not accepted; at least two remain."""
-    failing = [c for c, verdict in verdicts.items() if not verdict.accepted]
-    if len(verdicts) <= 2:
-        return None
-    return min(failing, key=lambda c: verdicts[c].margin, default=None)
+    verdicts = {c: judge_camera(work, work.grid, state, c) for c in cameras}
+    failing = [c for c in cameras if len(cameras) > 2 and not verdicts[c].accepted]
+    return verdicts, min(failing, key=lambda c: verdicts[c].margin, default=None)
 
 
 def _shortcomings(

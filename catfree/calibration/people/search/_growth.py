@@ -17,7 +17,6 @@ from catfree.calibration.people.matching._verdict import (
     PlacementVerdict,
     judge_camera,
     judge_cameras,
-    weakest,
 )
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._camera_pairs import PairHypothesis
@@ -69,8 +68,7 @@ def fit_rig(work: Workspace, state: RigState) -> AdjustedRig | None:
         rig = alternate(work.grid, state, work.settings)
         if rig is None:
             return None
-        verdicts = judge_cameras(work, rig.state)
-        worst = weakest(verdicts)
+        verdicts, worst = judge_cameras(work, rig.state)
         if worst is None:
             return replace(rig, verdicts=verdicts)
         state = rig.state.without_camera(worst)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.methods.evidence._gaussian import Information, log_evidence
+from catfree.methods.evidence.observe._measurement import Noise
 
 VAGUE = 1e-6  # per H0²: a kilometer, which is no prior at all
 
@@ -68,8 +69,7 @@ def priors_of(
     frame: Int[np.ndarray, " prior"],
     precision: Float[np.ndarray, "prior 3 3"],
     vector: Float[np.ndarray, "prior 3"],
-    density: float,
-    spread: float,
+    noise: Noise,
 ) -> Priors:
     """Priors from what is known of the people; what is left of nothing after rounding is vague.
 
@@ -77,9 +77,9 @@ def priors_of(
         frame: (T,) frame index.
         precision: (T, 3, 3) inverse covariance of position and height.
         vector: (T, 3) precision times mean.
-        density: people per H0².
-        spread: standard deviation of heights in H0.
+        noise: for the density of people and the spread of their heights.
     """
+    density, spread = float(noise.density), float(noise.spread)
     values, axes = np.linalg.eigh(precision)
     matrix = np.einsum("nij,nj,nkj->nik", axes, np.maximum(values, VAGUE), axes)
     height = np.array([0.0, 0.0, 1 / spread**2])

@@ -70,7 +70,7 @@ def left_out_residuals(
     used = np.asarray(measurements.used)[row] & np.isfinite(residual).all(1, keepdims=True)
     # Boxes cut at the side are not informative about the usual noise.
     used &= ~boxes.cut[row, :1]
-    sd = np.sqrt(np.asarray(measurements.noise)[row] ** 2 + variance)
+    sd = np.sqrt(measurements.noise[row] ** 2 + variance)
     return LeftOut(residual, sd, used)
 
 

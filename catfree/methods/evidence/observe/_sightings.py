@@ -60,11 +60,10 @@ def sightings_by_camera(
     for column in member.T:
         person = np.flatnonzero(column >= 0)
         box = column[person]
-        edges, slopes = predicted_edges(
-            state[person], np.asarray(views.matrix)[view[box]], np.asarray(views.station)[view[box]]
-        )
-        used, noise = (np.asarray(part)[box] for part in (measurements.used, measurements.noise))
-        yield Sightings(person, box, edges, slopes, np.where(used, 1 / noise, 0.0))
+        matrix, station = views.matrix[view[box]], views.station[view[box]]
+        edges, slopes = predicted_edges(state[person], matrix, station)
+        precision = np.where(measurements.used[box], 1 / measurements.noise[box], 0.0)
+        yield Sightings(person, box, edges, slopes, precision)
 
 
 def predicted_edges(

@@ -66,7 +66,7 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
         The cameras as maps from the plane to pixels.
     """
     rig = scene.rig
-    registered = np.asarray(rig.registered)
+    registered = rig.registered
     count = rig.camera_count
 
     def host(value: Any, fallback: np.ndarray) -> np.ndarray:
@@ -137,14 +137,13 @@ def people_in_cameras(
         imaged: (H, C) whether the camera images both foot and head; false if it is unregistered.
     """
     count = len(views.registered)
-    people = np.asarray(state)
     head, foot, depth = box_ends(
-        views.matrix[:count], people[:, None], views.station[:count], FOOT_AHEAD
+        views.matrix[:count], state[:, None], views.station[:count], FOOT_AHEAD
     )
     edges, imaged = edges_of(head, foot), depth > IN_FRONT
     if views.rig is not None:
         for camera in np.flatnonzero(views.registered):
-            head, foot, imaged[:, camera] = people_in_rig(views.rig, camera, people, FOOT_AHEAD)
+            head, foot, imaged[:, camera] = people_in_rig(views.rig, camera, state, FOOT_AHEAD)
             edges[:, camera] = edges_of(head, foot)
     return edges, imaged & views.registered
 

@@ -52,23 +52,13 @@ def expected_views(
     Returns:
         (H, C) arrays.
     """
-    parts = []
-    for begin in range(0, max(len(state), 1), PEOPLE_AT_A_TIME):
-        people = slice(begin, begin + PEOPLE_AT_A_TIME)
-        own = None if member is None else member[people]
-        parts.append(_views_of_block(state[people], frame[people], boxes, views, settings, own))
-    return jax.tree.map(lambda *values: np.concatenate(values), *parts)
-
-
-def _views_of_block(
-    state: Float[np.ndarray, "person 3"],
-    frame: Int[np.ndarray, " person"],
-    boxes: Boxes,
-    views: GroundViews,
-    settings: EvidenceSettings,
-    member: Int[np.ndarray, "person cam"] | None,
-) -> Views:
-    """Do what `expected_views` does for a few people."""
+    if len(state) > PEOPLE_AT_A_TIME:
+        parts = []
+        for begin in range(0, len(state), PEOPLE_AT_A_TIME):
+            people = slice(begin, begin + PEOPLE_AT_A_TIME)
+            own = None if member is None else member[people]
+            parts.append(expected_views(state[people], frame[people], boxes, views, settings, own))
+        return jax.tree.map(lambda *values: np.concatenate(values), *parts)
     low, high = settings.body_ramp
     edges, imaged = people_in_cameras(state, views)
     column, head, foot = np.moveaxis(edges, -1, 0)

@@ -17,10 +17,7 @@ from catfree.types import Fate
 def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Keep the rows that are more likely than not a person at the right place."""
     trails, boxes, views = state.trails, state.boxes, state.views
-    shift = ground_shift(
-        trails, state.groups, state.measurements, boxes.view, views, state.noise, settings
-    )
-    shift = usual_shift(trails, shift, settings.gap)
+    shift = usual_shift(trails, ground_shift(trails, state, settings), settings.gap)
     covariance, sharp = sharp_positions(trails.covariance, shift, state.probability, settings)
     alone = suppress_overlapping_tracks(trails, state.evidence, sharp, settings.personal_space)
     rows, coverage = np.flatnonzero(alone), np.full((len(trails), 2), np.nan)

@@ -27,7 +27,7 @@ def group_boxes(
 
 def expected_people(state: EvidenceState, settings: EvidenceSettings) -> Priors:
     """Smoothed positions of tracked people, without the measurements of the frame itself."""
-    trails, info, noise = state.trails, state.groups.info, state.noise
+    trails, info = state.trails, state.groups.info
     alone = suppress_overlapping_tracks(
         trails, state.evidence, state.probability > 0.5, settings.personal_space
     )
@@ -39,6 +39,4 @@ def expected_people(state: EvidenceState, settings: EvidenceSettings) -> Priors:
     is_detected = group_of >= 0
     precision[is_detected] -= info.matrix[group_of[is_detected]]
     vector[is_detected] -= info.vector[group_of[is_detected]]
-    return priors_of(
-        trails.frame[rows], precision, vector, float(noise.density), float(noise.spread)
-    )
+    return priors_of(trails.frame[rows], precision, vector, state.noise)

@@ -20,6 +20,6 @@ def learn_looks(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
     if boxes.embedding is None:
         return state
     frames = evenly_spread(np.arange(len(boxes.frames)), settings.calibration_frames)
-    valid = np.asarray(measured.valid) & np.isin(boxes.frame, frames)
+    valid = measured.valid & np.isin(boxes.frame, frames)
     groups = group(boxes, replace(measured, valid=valid), state.noise, settings.gate)
     return replace(state, ratios=learn_ratios(boxes, groups, settings))

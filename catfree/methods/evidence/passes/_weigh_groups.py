@@ -28,8 +28,7 @@ def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSt
 
 def views_of_groups(state: EvidenceState, settings: EvidenceSettings) -> Views:
     """How every camera should see the person of each group, (H, C)."""
-    frame, boxes = state.groups.frame, state.boxes
-    own = state.groups.member
+    frame, own, boxes = state.groups.frame, state.groups.member, state.boxes
     visibility = expected_views(state.place, frame, boxes, state.views, settings, own)
     return with_pictures(visibility, frame, boxes)
 

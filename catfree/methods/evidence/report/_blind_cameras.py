@@ -25,12 +25,12 @@ def blind_camera_warnings(
     boxes, rows = state.boxes, np.flatnonzero(state.kept)
     shown = (boxes.table >= 0).sum((0, 2))
     lowest, _ = settings.detection_rate_range
-    blind = np.asarray(scene.rig.registered) & (shown < lowest * len(rows))
+    blind = scene.rig.registered & (shown < lowest * len(rows))
     if not blind.any():
         return ()
     place, frame = state.trails.mean[rows, :3], state.trails.frame[rows]
     visibility = expected_views(place, frame, boxes, state.views, settings)
-    people = (np.asarray(with_pictures(visibility, frame, boxes).inside) == 1).sum(0)
+    people = (with_pictures(visibility, frame, boxes).inside == 1).sum(0)
     return tuple(
         f"Camera {shown_camera(camera, camera_names)} has {shown[camera]} of the {len(boxes.row)} "
         f"boxes, but {people[camera]} of the positions are in its view: its detector failed, its "

@@ -85,11 +85,9 @@ def ray_diagnostics(
 
     Source: paper, Eq. sigma and Sec. "Selecting pedestrian positions".
     """
-    axes = np.asarray(views.matrix)[:, :, :3]
-    inverse = np.linalg.inv(axes)
+    inverse = np.linalg.inv(views.matrix[:, :, :3])
     cameras = slice(len(views.registered))
-    place = np.asarray(views.matrix)[cameras, :, 3]
-    origins = -np.einsum("cij,cj->ci", inverse[cameras], place)
+    origins = -np.einsum("cij,cj->ci", inverse[cameras], views.matrix[cameras, :, 3])
 
     def diagnose(member: Int[np.ndarray, "group cam"]) -> tuple[Array, Array, Array]:
         row = np.maximum(member, 0)
@@ -101,8 +99,8 @@ def ray_diagnostics(
         level = visible_foot(direction[..., :2], np.zeros(2), -FOOT_AHEAD * fall)
         direction[..., :2] = np.stack(level, -1)
         direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-        angle = np.asarray(measured.noise)[row, 2] / np.asarray(views.focal)[view]
-        usable = (member >= 0) & boxes.valid[row] & np.asarray(measured.used)[row, 2] & (angle > 0)
+        angle = measured.noise[row, 2] / views.focal[view]
+        usable = (member >= 0) & boxes.valid[row] & measured.used[row, 2] & (angle > 0)
         weights = np.where(usable, 1 / np.where(usable, angle, 1) ** 2, 0.0)
         return _diagnose(np.broadcast_to(origins, direction.shape), direction, weights)
 

@@ -112,7 +112,7 @@ class Patterns(NamedTuple):
         """Name the cameras whose pattern cannot be overlooked."""
         warnings = []
         shares, coefficients = self.explained.share, self.explained.coefficient
-        for camera, kind in np.argwhere(np.asarray(shares) > LARGEST_SHARE).tolist():
+        for camera, kind in np.argwhere(shares > LARGEST_SHARE).tolist():
             name = shown_camera(camera, camera_names)
             late = -float(coefficients[camera, 0])
             moved = float(np.hypot(*coefficients[camera, 1:]))

@@ -24,9 +24,8 @@ from jaxtyping import Float, Int
 from scipy.special import ndtri, stdtrit
 
 from catfree.methods.evidence._state import EvidenceState
-from catfree.methods.evidence.observe._measurement import Measurements, features_of
+from catfree.methods.evidence.observe._measurement import features_of
 from catfree.methods.evidence.observe._sightings import sightings_by_camera
-from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
 
 MODES = 4  # shift along both axes, rotation, scale
@@ -49,17 +48,14 @@ def shared_covariance(
         Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986);
         Cameron and Miller, "A practitioner's guide to cluster-robust inference" (2015), section VI.
     """
-    trails, boxes, views = state.trails, state.boxes, state.views
-    rows = state.shown
+    trails, rows = state.trails, state.shown
     member = state.groups.member[trails.group[rows]]
     scatter = offset_scatter(member, state, settings)
     if scatter is None:
         return np.zeros((len(trails), 2, 2))
     middle = trails.mean[rows, :2].mean(0)
     modes = map_modes(trails.mean[:, :3], middle)
-    normal, lever = mode_sums(
-        trails.mean[rows, :3], modes[rows], member, state.measurements, boxes.view, views
-    )
+    normal, lever = mode_sums(trails.mean[rows, :3], modes[rows], member, state)
     spread = lever @ scatter @ lever.transpose(0, 2, 1)
     # One person at one position cannot separate rotation from shift; such modes get no variance.
     inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
@@ -69,35 +65,32 @@ def shared_covariance(
 
 
 def mode_sums(
-    state: Float[np.ndarray, "n 3"],
+    people: Float[np.ndarray, "n 3"],
     modes: Float[np.ndarray, "n 3 4"],
     member: Int[np.ndarray, "n cam"],
-    measurements: Measurements,
-    view: Int[np.ndarray, " box"],
-    views: GroundViews,
+    state: EvidenceState,
 ) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "cam 4 3"]]:
     """Sum what the boxes of n people say about the modes of the map.
 
     Args:
-        state: (n, 3) positions and heights in H0.
+        people: (n, 3) positions and heights in H0.
         modes: (n, 3, 4) result of `map_modes`.
         member: (n, C) the box of each person in each camera, -1 for none.
-        measurements: the noise of the boxes.
-        view: (N,) the pinhole of each box.
-        views: the cameras.
+        state: the boxes.
 
     Returns:
         normal: (4, 4) information on the modes.
         lever: (C, 4, 3) right-hand side per radian by which a camera's edges are off.
     """
     normal, lever = np.zeros((MODES, MODES)), np.zeros((member.shape[1], MODES, 3))
-    of_cameras = sightings_by_camera(state, member, measurements, view, views)
+    view, views = state.boxes.view, state.views
+    of_cameras = sightings_by_camera(people, member, state.measurements, view, views)
     for camera, sightings in enumerate(of_cameras):
         moved = sightings.precision[..., None] * (
             sightings.slopes[..., :3] @ modes[sightings.person]
         )
         normal += np.einsum("nki,nkj->ij", moved, moved)
-        focal = np.asarray(views.focal)[view[sightings.box]]
+        focal = views.focal[view[sightings.box]]
         lever[camera] = np.einsum("nki,nk,n->ik", moved, sightings.precision, focal)
     return normal, lever
 
@@ -145,7 +138,7 @@ def offset_scatter(
     means = []
     for camera, has_offset in enumerate((field != 0).any((1, 2))):
         rows = member[member[:, camera] >= 0, camera]
-        rows = rows[np.asarray(state.measurements.used)[rows].all(1)]
+        rows = rows[state.measurements.used[rows].all(1)]
         if has_offset and len(rows):
             offset = (features_of(boxes, rows, views) * field[camera]).sum(-1)
             means.append((offset / views.focal[boxes.view[rows]][:, None]).mean(0))

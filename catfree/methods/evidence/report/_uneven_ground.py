@@ -11,49 +11,38 @@ movement around it is used; a single chance match with another camera must not d
 """
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from catfree.methods.evidence.group._groups import Groups
-from catfree.methods.evidence.observe._measurement import Measurements, Noise
+from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.observe._sightings import sightings_by_camera
-from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.settings import EvidenceSettings
 
 
 def ground_shift(
-    trails: Trails,
-    groups: Groups,
-    measurements: Measurements,
-    view: Int[np.ndarray, " box"],
-    views: GroundViews,
-    noise: Noise,
-    settings: EvidenceSettings,
+    trails: Trails, state: EvidenceState, settings: EvidenceSettings
 ) -> Float[np.ndarray, "node 2"]:
     """Movement of each position, by its own boxes, per unit that its person stands above the plane.
 
     Args:
         trails: the tracks.
-        groups: the groups of boxes.
-        measurements: the boxes as likelihoods.
-        view: (N,) the pinhole of each box.
-        views: the cameras.
-        noise: for the spread of heights.
+        state: the groups of the tracks and their boxes.
         settings: without `uneven_ground` nobody stands above the plane.
 
     Returns:
         (M, 2) meters per meter, 0 in gaps.
     """
-    M = len(trails)
-    if len(groups) == 0 or not settings.uneven_ground:
+    M, member = len(trails), state.groups.member
+    if len(member) == 0 or not settings.uneven_ground:
         return np.zeros((M, 2))
-    member = np.where(trails.group[:, None] >= 0, groups.member[trails.group], -1)
+    member = np.where(trails.group[:, None] >= 0, member[trails.group], -1)
     normal, cross = np.zeros((M, 3, 3)), np.zeros((M, 3))
-    for sightings in sightings_by_camera(trails.mean[:, :3], member, measurements, view, views):
+    boxes = state.measurements, state.boxes.view, state.views
+    for sightings in sightings_by_camera(trails.mean[:, :3], member, *boxes):
         slopes = sightings.slopes * sightings.precision[..., None]
         normal[sightings.person] += np.einsum("nki,nkj->nij", slopes[..., :3], slopes[..., :3])
         cross[sightings.person] += np.einsum("nki,nk->ni", slopes[..., :3], slopes[..., 3])
-    normal[:, 2, 2] += 1 / float(noise.spread) ** 2
+    normal[:, 2, 2] += 1 / float(state.noise.spread) ** 2
     scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
     return np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]
 

@@ -42,7 +42,7 @@ def coverage_of(
     flat = Information(info, np.zeros(state.shape), np.zeros(len(state)))
     _, covariance = mean_and_covariance(flat, noise.spread)
     sigma = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
-    whole = (np.asarray(visibility.share) >= settings.cover_edges[-1]).sum(1)
+    whole = (visibility.share >= settings.cover_edges[-1]).sum(1)
     return np.column_stack([sigma, whole])
 
 

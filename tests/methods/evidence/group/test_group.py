@@ -33,8 +33,7 @@ def test_runs_of_one_frame_give_the_groups_of_all_frames(monkeypatch, with_looks
         place = (truth[:, 2:] @ np.asarray(scene.ground.basis)[:2] - views.origin) / HEIGHT
         mean = np.column_stack([place, np.ones(len(place))])
         precision = np.tile(100 * np.eye(3), (len(place), 1, 1))
-        density, spread = float(noise.density), float(noise.spread)
-        priors = priors_of(truth[:, 0].astype(int), precision, 100 * mean, density, spread)
+        priors = priors_of(truth[:, 0].astype(int), precision, 100 * mean, noise)
 
     def grouped():
         ratios = None

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import jax
 import numpy as np
 from hypothesis import given, settings, strategies as st
@@ -9,8 +11,12 @@ from catfree.methods.evidence.group._merge import (
     close_pairs,
     merge_boxes,
 )
+from catfree.methods.evidence.observe._measurement import start_noise
+from catfree.settings import EvidenceSettings
 
 DENSITY, SPREAD, GATE = 0.2, 0.05, 16.0
+START = start_noise(4, EvidenceSettings())
+NOISE = replace(START, density=np.array(DENSITY), spread=np.array(SPREAD))
 
 
 def boxes_near(seed, people, cameras, noise):
@@ -134,7 +140,7 @@ def test_padding_changes_no_group(seed, people, tracks):
     near = rng.integers(0, max(int(valid.sum()), 1), tracks)
     mean, _ = mean_and_covariance(info[near], SPREAD)
     precision = np.tile(100 * np.eye(3), (tracks, 1, 1))
-    priors = priors_of(np.zeros(tracks, int), precision, 100 * mean, DENSITY, SPREAD)
+    priors = priors_of(np.zeros(tracks, int), precision, 100 * mean, NOISE)
 
     def groups(extra):
         pad = lambda a: np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)])  # noqa: E731

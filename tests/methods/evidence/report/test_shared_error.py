@@ -11,7 +11,6 @@ from hypothesis.extra.numpy import arrays
 
 from catfree.geometry._person import box_edges
 from catfree.methods.evidence import solve
-from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.report._shared_error import (
     map_modes,
     mode_sums,
@@ -21,7 +20,12 @@ from catfree.methods.evidence.report._shared_error import (
 )
 from catfree.settings import EvidenceSettings
 from catfree.synthetic import RigError, make_world
-from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, measured, walk
+from tests.methods.evidence.evidence_worlds import (
+    make_rig,
+    make_scene,
+    state_of_boxes,
+    walk,
+)
 
 SETTINGS = EvidenceSettings()
 
@@ -40,12 +44,12 @@ def test_modes_are_shift_turn_and_scale_about_the_middle(x, y, turn, scale):
 @pytest.mark.usefixtures("x64")
 def test_sums_predict_how_offsets_of_cameras_move_the_map():
     rng = np.random.default_rng(0)
-    views = ground_views(make_scene(make_rig()), HEIGHT)
+    boxes = state_of_boxes(make_scene(make_rig()), np.tile(np.arange(5), 9), 4)
+    views = boxes.views
     state = np.column_stack([rng.uniform(-2, 2, (9, 2)), np.ones(9)])
     modes = map_modes(state, state[:, :2].mean(0))
     member = np.arange(45).reshape(9, 5)
-    view = np.tile(np.arange(5), 9)
-    normal, lever = mode_sums(state, modes, member, measured(45, 4), view, views)
+    normal, lever = mode_sums(state, modes, member, boxes)
     offset = 1e-4 * rng.standard_normal((5, 3))
     predicted = np.linalg.solve(normal, (lever @ offset[..., None])[..., 0].sum(0))
 

@@ -1,36 +1,41 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from catfree.methods.evidence import EvidenceSettings, solve
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._groups import Groups
-from catfree.methods.evidence.observe._measurement import start_noise
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._uneven_ground import ground_shift, usual_shift
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.settings._calibration_settings import FOOT_AHEAD
-from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, measured, walk
+from tests.methods.evidence.evidence_worlds import (
+    HEIGHT,
+    make_rig,
+    make_scene,
+    state_of_boxes,
+    walk,
+)
 
 RULES = EvidenceSettings()
 
 
 def shift_seen_by(cameras, rig, unit=HEIGHT, rules=RULES):
     """Shift of one person at (1, 0.5) metres seen by these cameras of a rig."""
-    views = ground_views(make_scene(rig), unit)
-    C = rig.camera_count
+    scene, C = make_scene(rig), rig.camera_count
+    state = state_of_boxes(scene, np.array(cameras), 3, unit, rules)
     member = np.full((1, C), -1)
     member[0, cameras] = np.arange(len(cameras))
-    xy = (np.array([1.0, 0.5]) @ np.asarray(make_scene(rig).ground.basis)[:2] - views.origin) / unit
+    xy = (np.array([1.0, 0.5]) @ np.asarray(scene.ground.basis)[:2] - state.views.origin) / unit
     trails = Trails(
         np.zeros(1, int), np.zeros(1, int), np.zeros(1, int), np.array([[*xy, 1.0, 0, 0]]),
         np.eye(5)[None],
     )  # fmt: skip
     empty = Information(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros(1))
     groups = Groups(np.zeros(1, int), member, empty, np.zeros(1))
-
-    view, noise = np.array(cameras), start_noise(C, rules)
-    return ground_shift(trails, groups, measured(len(cameras), 3), view, views, noise, rules)[0], xy
+    return ground_shift(trails, replace(state, groups=groups), rules)[0], xy
 
 
 @pytest.mark.slow
