@@ -34,7 +34,7 @@ def test_errors_stay_where_nobody_tells_of_them(seen):
     window = solve_window(seen, 7, 7, start)
     np.testing.assert_allclose(window.errors, start, atol=1e-12)
     assert window.matrix.shape == (0, 4 * PARAMETERS, 4 * PARAMETERS)
-    assert not window.boxes.any()
+    assert not window.counts.any()
 
 
 def test_a_window_tells_of_a_turn_that_it_starts_without(seen):
