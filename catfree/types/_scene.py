@@ -14,7 +14,7 @@ from catfree.types._archive import arguments_of, load_arrays, naming_file, save_
 from catfree.types._georeference import GeoReference
 from catfree.types._rig import Rig
 from catfree.types._validation import (
-    as_boolean,
+    as_flag,
     as_float,
     as_number,
     is_traced,
@@ -141,9 +141,7 @@ class Scene(eqx.Module):
             require_instance(georeference, GeoReference, "georeference")
         self.georeference = georeference
         self.rig, self.ground, self.extent = rig, ground, as_float(extent)
-        flag = as_boolean(metric, "metric")
-        require_shape(flag, (), "metric")
-        self.metric = bool(flag)
+        self.metric = as_flag(metric, "metric")
         if not (rig_sd is None or is_traced(rig_sd)):
             rig_sd = as_number(rig_sd, "rig_sd")
         self.rig_sd = rig_sd
@@ -216,13 +214,12 @@ class Scene(eqx.Module):
         arrays = load_arrays(path, "Scene", required=required, optional=optional)
         of_rig = {k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")}
         with naming_file(path):
-            metric = as_boolean(arrays["metric"], "metric")
-            require_shape(metric, (), "metric")
+            metric = as_flag(arrays["metric"], "metric")
             ground = Plane(arrays["normal"], arrays["offset"])
             earth = arrays.get("georeference")
             earth = None if earth is None else GeoReference.of_array(earth)
             sd = arrays.get("deviation")
-            scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric), earth, sd)
+            scene = cls(Rig(**of_rig), ground, arrays["extent"], metric, earth, sd)
             return require_plausible_heights(scene)
 
 

@@ -358,6 +358,13 @@ def as_boolean(value: Any, name: str) -> np.ndarray:
     return array.astype(bool)
 
 
+def as_flag(value: Any, name: str) -> bool:
+    """Convert one boolean, or 0 or 1, to a bool."""
+    flag = as_boolean(value, name)
+    require_shape(flag, (), name)
+    return bool(flag)
+
+
 def as_registered(registered: Any, cameras: int) -> Bool[np.ndarray, " cam"]:
     """Return which cameras are registered; None stands for all."""
     flags = np.ones(cameras, bool) if registered is None else as_boolean(registered, "registered")

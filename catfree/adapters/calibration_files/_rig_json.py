@@ -29,7 +29,7 @@ from catfree.adapters.files._documents import (
 from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import GeoReference, Lens, Plane, Rig, Scene
 from catfree.types._scene import require_plausible_heights, require_scene
-from catfree.types._validation import as_boolean, require_shape
+from catfree.types._validation import as_flag
 
 _CONVENTIONS = {
     "camera": "x_camera = R x_world + t; x right, y down, z forward",
@@ -61,9 +61,8 @@ def write_rig_json(
         InvalidInputError: if the folder does not exist, the names do not match the cameras, or
             metric is neither true nor false.
     """
-    flag = as_boolean(metric, "metric")
-    require_shape(flag, (), "metric")
-    return write_text_atomically(path, _text(_rig_document(rig, names, bool(flag))))
+    document = _rig_document(rig, names, as_flag(metric, "metric"))
+    return write_text_atomically(path, _text(document))
 
 
 def write_scene_json(path: StrPath, scene: Scene, names: Sequence[str] | None = None) -> Path:

@@ -1,7 +1,5 @@
 """`read_detections`: the boxes of all cameras from files in any format that the library reads."""
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -26,9 +24,8 @@ from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
     read_json,
-    write_text_atomically,
 )
-from catfree.adapters.files._text_rows import naming_line, read_csv
+from catfree.adapters.files._text_rows import naming_line, read_csv, write_csv
 from catfree.adapters.tables._coco import is_coco, read_coco
 from catfree.adapters.tables._detections_table import (
     is_of_catfree,
@@ -235,11 +232,8 @@ def write_missing_pictures(
     Returns:
         The path.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["frame", "camera"])
-    writer.writerows([frame, camera_names[camera]] for frame, camera in silent.tolist())
-    return write_text_atomically(path, text.getvalue())
+    rows = ([frame, camera_names[camera]] for frame, camera in silent.tolist())
+    return write_csv(path, ("frame", "camera"), rows)
 
 
 def holds_boxes(path: StrPath) -> bool:

@@ -1,17 +1,23 @@
-"""Reading of text files with one row per line: CSV with a header, and plain numbers."""
+"""Text files with one row per line: CSV with a header, and plain numbers."""
 
 import contextlib
 import csv
 import io
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from catfree.adapters.files._documents import StrPath, naming_file, parse_numbers, read_text
+from catfree.adapters.files._documents import (
+    StrPath,
+    naming_file,
+    parse_numbers,
+    read_text,
+    write_text_atomically,
+)
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 
 _SEPARATOR = re.compile(r"\s*,\s*|\s+")
@@ -58,6 +64,15 @@ class CsvTable(NamedTuple):
                 )
         words = zip(*self.rows, strict=True) if self.rows else [()] * len(self.header)
         return dict(zip(self.header, words, strict=True))
+
+
+def write_csv(path: StrPath, header: Iterable[str], rows: Iterable[Iterable[object]]) -> Path:
+    """Write a CSV file that `read_csv` reads, and return its path."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return write_text_atomically(path, text.getvalue())
 
 
 def read_csv(path: StrPath, meaning: str) -> CsvTable:

@@ -1,7 +1,5 @@
 """Tracks as a table with one row per position: CSV, or Parquet with the `parquet` extra."""
 
-import csv
-import io
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -11,9 +9,8 @@ import numpy as np
 from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
-    write_text_atomically,
 )
-from catfree.adapters.files._text_rows import read_csv
+from catfree.adapters.files._text_rows import read_csv, write_csv
 from catfree.adapters.tables._parquet import read_parquet, write_parquet
 from catfree.errors import FileFormatError, quoted
 from catfree.types import Clock, Origin, Plane, Tracks
@@ -71,11 +68,8 @@ def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
     """
     require_instance(tracks, Tracks, "tracks")
     columns = _columns(tracks)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-    return write_text_atomically(path, text.getvalue())
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return write_csv(path, columns, rows)
 
 
 def read_tracks_csv(path: StrPath) -> Tracks:

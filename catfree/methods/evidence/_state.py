@@ -76,7 +76,12 @@ class EvidenceState(eqx.Module):
         return np.flatnonzero(self.kept & (self.trails.group >= 0))
 
     def population(self, settings: EvidenceSettings, dim: int = 0) -> Population:
-        """What the state knows of all people and frames; `dim` numbers per embedding it ignores."""
+        """What the state knows of all people and frames together.
+
+        Args:
+            settings: constants and switches.
+            dim: numbers per embedding where looks say nothing.
+        """
         density, spread = float(self.noise.density), float(self.noise.spread)
         looks = no_looks(len(self.groups), dim)
         if self.ratios is not None and settings.link_by_looks:
