@@ -83,10 +83,12 @@ class EvidenceState(eqx.Module):
             dim: numbers per embedding where looks say nothing.
         """
         density, spread = float(self.noise.density), float(self.noise.spread)
-        looks = no_looks(len(self.groups), dim)
+        looks, likeness = no_looks(len(self.groups), dim), None
         if self.ratios is not None and settings.link_by_looks:
-            looks = looks_of(self.ratios, self.groups.member)
-        return Population(self.boxes.time, self.motion, density, spread, settings, looks)
+            looks = looks_of(self.ratios.embedding, self.groups.member)
+            likeness = self.ratios.likeness
+        time, motion = self.boxes.time, self.motion
+        return Population(time, motion, density, spread, settings, looks, likeness)
 
     def is_tracked(self, settings: EvidenceSettings) -> bool:
         """Return whether people are followed over time; those of a single instant are not."""

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -21,7 +22,7 @@ from catfree.methods.evidence.passes._observe_boxes import observe_boxes
 from catfree.methods.evidence.passes._weigh_groups import judge, views_of_groups
 from catfree.methods.evidence.report._uneven_ground import ground_shift
 from catfree.methods.evidence.report._working_area import coverage_of
-from catfree.methods.evidence.track._pasts import Pasts, predict
+from catfree.methods.evidence.track._pasts import Pasts, SeenPositions, predict
 from catfree.methods.evidence.track._presence import step_forward
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
@@ -91,9 +92,9 @@ def advance(
     log_odds = existence.log_odds
 
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
-    population = now.population(settings, state.heads.look.shape[1])
-    info, looks = groups.info[rows], population.looks
-    node, followed, tracks = link(heads, info, rows, int(state.tracks), population)
+    population = now.population(settings, state.heads.looks.total.shape[1])
+    links = heads, groups.info[rows], rows, int(state.tracks), population
+    node, followed, tracks = link(*links)
 
     def of_tracks(values: Any, absent: int = 0) -> np.ndarray:
         """Values of the group of each track; in a gap, whose group is -1, a row of `absent`."""
@@ -108,16 +109,15 @@ def advance(
     current = PendingInstant(
         time=np.array(time),
         node=node._replace(group=np.where(node.group >= 0, np.arange(len(node.group)), -1)),
-        matrix=of_tracks(groups.info.matrix),
-        vector=of_tracks(groups.info.vector),
+        seen=jax.tree.map(
+            of_tracks, SeenPositions(groups.info.matrix, groups.info.vector, population.looks)
+        ),
         evidence=evidence,
         forward=forward,
         weight=weight,
         shift=shift,
         place=coverage_of(node.mean[:, :3], around, views, noise, settings),
         support=np.append(boxes.row, -1)[of_tracks(groups.member, -1)],
-        look=of_tracks(looks.total),
-        boxes=of_tracks(looks.count),
     )
 
     learned = forgetting(learned)

@@ -3,12 +3,12 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
 from catfree.methods.evidence._gaussian import Information
-from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.report._reported import Reported, no_rows
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._uneven_ground import usual_shift
@@ -128,7 +128,7 @@ def finalize(
     spread = float(noise.spread)
     pauses = [usual_steps(learned, float(a.time), float(b.time)) for a, b in pairwise(window)]
     time = np.cumsum([0.0, *pauses])
-    first = np.cumsum([0] + [len(i.matrix) for i in window])
+    first = np.cumsum([0] + [len(i.node.track) for i in window])
     history = [
         i.node._replace(group=np.where(i.node.group >= 0, i.node.group + begin, -1))
         for i, begin in zip(window, first, strict=False)
@@ -147,10 +147,9 @@ def finalize(
     probability = expit(on - evidence - off)
     last = np.searchsorted(trails.track, trails.track, side="right") - 1  # row of its track
     weight = of_trails("weight")[last]
-    matrix, vector = column("matrix"), column("vector")
-    info = Information(matrix, vector, np.zeros(len(matrix)))
+    seen = jax.tree.map(lambda *parts: np.concatenate(parts), *(i.seen for i in window))
+    info = Information(seen.matrix, seen.vector, np.zeros(len(seen.matrix)))
     likeness = likeness_of(learned, settings) if settings.link_by_looks else None
-    looks = Looks(column("look"), column("boxes"), likeness)
     shift = usual_shift(trails, of_trails("shift"), settings.gap)
     covariance, sharp = sharp_positions(trails.covariance, shift, probability, settings)
     oldest = trails.frame < ready
@@ -160,7 +159,8 @@ def finalize(
     reported = sharp & _in_working_area(place, learned, settings)
     extra = covariance - trails.covariance[:, :2, :2]
     walk = replace(motion, memory=motion.memory**settings.sudden)
-    population = Population(time, walk, float(noise.density), spread, settings, looks)
+    density = float(noise.density)
+    population = Population(time, walk, density, spread, settings, seen.looks, likeness)
     identity, events = np.full(len(trails), -1), []
     for t in range(ready):
         now = reported & (trails.frame == t)

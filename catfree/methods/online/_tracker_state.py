@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.methods.evidence.group._appearance import no_looks
 from catfree.methods.evidence.observe._ground_cells import CELLS
 from catfree.methods.evidence.observe._measurement import Noise, start_noise
-from catfree.methods.evidence.track._pasts import Pasts, no_pasts
+from catfree.methods.evidence.track._pasts import Pasts, SeenPositions, no_pasts
 from catfree.methods.evidence.track._tracking import Node
 from catfree.methods.online._sound_state import require_sound_arrays
 from catfree.settings import EvidenceSettings
@@ -20,6 +21,7 @@ from catfree.types._archive import load_arrays, save_arrays
 from catfree.types._validation import as_count
 
 M = TypeVar("M", Pasts, Node)
+L = TypeVar("L", Pasts, SeenPositions)
 TICKS = Clock(1_000_000)  # microseconds: the frame numbers of what a tracker reports
 _SIZES = ("cameras", "window", "recording")  # numbers of each in a file
 
@@ -67,28 +69,24 @@ class PendingInstant(NamedTuple):
     Attributes:
         time: () seconds.
         node: the tracks; `node.group` is the row itself, or -1 in a gap.
-        matrix, vector: (T, 3, 3) and (T, 3) information of the boxes.
+        seen: what the boxes say.
         evidence: (T,) log-odds of the instant.
         forward: (T, 2) log weights of being present or not, given the instants so far.
         weight: (T,) summed evidence of the track while present, so far.
         shift: (T, 2) movement of the position for a raised ground.
         place: (T, 2) as `EvidenceState.coverage`.
         support: (T, C) rows of the caller's detections, or -1.
-        look: (T, D) sum of the embeddings of the boxes; `boxes`: (T,) their number.
     """
 
     time: Float[np.ndarray, ""]
     node: Node
-    matrix: Float[np.ndarray, "t 3 3"]
-    vector: Float[np.ndarray, "t 3"]
+    seen: SeenPositions
     evidence: Float[np.ndarray, " t"]
     forward: Float[np.ndarray, "t 2"]
     weight: Float[np.ndarray, " t"]
     shift: Float[np.ndarray, "t 2"]
     place: Float[np.ndarray, "t 2"]
     support: Int[np.ndarray, "t cam"]
-    look: Float[np.ndarray, "t dim"]
-    boxes: Int[np.ndarray, " t"]
 
 
 @jax.tree_util.register_dataclass
@@ -191,8 +189,8 @@ def _state_of(arrays: dict[str, np.ndarray]) -> TrackerState:
     unknown = arrays.keys() - {*names, *_SIZES}
     if unknown:
         raise InvalidInputError(f"It holds the unknown {quoted(min(unknown))}.")
-    look = arrays.get(".heads.look", empty.heads.look)
-    dim = look.shape[1] if look.ndim == 2 else 0
+    looks = arrays.get(".heads.looks.total", empty.heads.looks.total)
+    dim = looks.shape[1] if looks.ndim == 2 else 0
     require_sound_arrays(arrays, empty, {"cam": cameras, "cells": CELLS, "dim": dim})
     _, kind = jax.tree.flatten(empty, is_leaf=_is_none)
     state = jax.tree.unflatten(kind, [arrays.get(name) for name in names])
@@ -269,9 +267,9 @@ def _no_instant(cameras: int) -> PendingInstant:
     five, square = np.zeros((0, 5)), np.zeros((0, 5, 5))
     integers = np.zeros(0, np.int64)
     return PendingInstant(
-        np.zeros(()), Node(integers, integers, five, square), square[:, :3, :3],
-        five[:, :3], none, five[:, :2], none, five[:, :2], five[:, :2],
-        np.zeros((0, cameras), np.int64), five[:, :0], integers,
+        np.zeros(()), Node(integers, integers, five, square),
+        SeenPositions(square[:, :3, :3], five[:, :3], no_looks(0)), none, five[:, :2], none,
+        five[:, :2], five[:, :2], np.zeros((0, cameras), np.int64),
     )  # fmt: skip
 
 
@@ -298,8 +296,9 @@ def rescaled(state: TrackerState, length: float, pace: float) -> TrackerState:
         window=tuple(
             i._replace(
                 node=moved(i.node),
-                matrix=i.matrix / length**2,
-                vector=i.vector / length,
+                seen=i.seen._replace(
+                    matrix=i.seen.matrix / length**2, vector=i.seen.vector / length
+                ),
                 place=i.place * np.array([length, 1]),
             )
             for i in state.window
@@ -310,15 +309,15 @@ def rescaled(state: TrackerState, length: float, pace: float) -> TrackerState:
 
 def with_looks(state: TrackerState, dim: int) -> TrackerState:
     """Room for embeddings of `dim` numbers, where there was none."""
-    if state.heads.look.shape[1] == dim:
+    if state.heads.looks.total.shape[1] == dim:
         return state
 
-    def room(look: np.ndarray) -> np.ndarray:
-        return np.zeros((len(look), dim))
+    def with_room(known: L) -> L:
+        return known._replace(looks=no_looks(len(known.looks.boxes), dim))
 
     return replace(
         state,
-        heads=state.heads._replace(look=room(state.heads.look)),
-        window=tuple(i._replace(look=room(i.look)) for i in state.window),
-        pasts=state.pasts._replace(look=room(state.pasts.look)),
+        heads=with_room(state.heads),
+        window=tuple(i._replace(seen=with_room(i.seen)) for i in state.window),
+        pasts=with_room(state.pasts),
     )

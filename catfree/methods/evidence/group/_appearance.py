@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -120,70 +121,56 @@ def appearance_log_odds(groups: Groups, ratios: PairRatios | None) -> Float[np.n
     return 2 * total / np.maximum(known.sum(1), 1)
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class Looks:
-    """Appearance of each group, to be compared with that of the tracks so far.
-
-    The mean distance between two sets of boxes follows from the sums of their embeddings.
+class Looks(NamedTuple):
+    """Embeddings of sets of boxes; the mean distance between two sets follows from their sums.
 
     Attributes:
-        total: (H, D) sum of the embeddings of each group's boxes.
-        count: (H,) number of boxes with an embedding.
-        likeness: maps a distance to the log-likelihood ratio of one box; None if looks say nothing.
+        total: (N, D) sum of the embeddings of each set; D is 0 where looks say nothing.
+        boxes: (N,) number of boxes with an embedding.
     """
 
-    total: Float[np.ndarray, "group dim"]
-    count: Int[np.ndarray, " group"]
-    likeness: Likeness | None
+    total: Float[np.ndarray, "n dim"]
+    boxes: Int[np.ndarray, " n"]
 
-    def compare(
-        self,
-        total: Float[np.ndarray, "track dim"],
-        count: Int[np.ndarray, " track"],
-        other: Float[np.ndarray, "k dim"],
-        others: Int[np.ndarray, " k"],
-        new: Real[np.ndarray, " k"],
-    ) -> Float[np.ndarray, "track k"]:
-        """Log-likelihood ratio that two sets of boxes show one person rather than two.
-
-        Args:
-            total: (T, D) sum of the embeddings of the boxes of each set.
-            count: (T,) their number.
-            other: (K, D) the same of the sets to compare with.
-            others: (K,) their number.
-            new: (K,) for how many new boxes each of these counts.
-
-        Returns:
-            (T, K), zero where one of the two has no embedding.
-        """
-        if self.likeness is None:
-            return np.zeros((len(count), len(others)))
-        one = total / np.maximum(count, 1)[:, None]
-        two = other / np.maximum(others, 1)[:, None]
-        known = (count > 0)[:, None] & (others > 0)[None]
-        return np.where(known, new * self.likeness(1 - one @ two.T), 0.0)
+    def at(self, rows) -> "Looks":
+        """Some of the sets."""
+        return Looks(self.total[rows], self.boxes[rows])
 
 
-def no_looks(groups: int, dim: int = 0) -> Looks:
-    """Looks of so many groups that say nothing, with embeddings of `dim` numbers."""
-    return Looks(np.zeros((groups, dim)), np.zeros(groups, np.int64), None)
-
-
-def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:
-    """Sum the embeddings of each group.
+def compare_looks(
+    one: Looks, two: Looks, new: Real[np.ndarray, " k"], likeness: Likeness | None
+) -> Float[np.ndarray, "track k"]:
+    """Log-likelihood ratio that two sets of boxes show one person rather than two.
 
     Args:
-        ratios: the embeddings and the likelihood ratio.
-        member: (H, C) boxes of each group, -1 for none.
+        one: of T sets.
+        two: of K sets.
+        new: (K,) for how many new boxes each of these counts.
+        likeness: maps a distance to the ratio of one box; None if looks say nothing.
+
+    Returns:
+        (T, K), zero where one of the two has no embedding.
     """
-    embedding = ratios.embedding
+    if likeness is None:
+        return np.zeros((len(one.boxes), len(two.boxes)))
+    mean, other = (sets.total / np.maximum(sets.boxes, 1)[:, None] for sets in (one, two))
+    known = (one.boxes > 0)[:, None] & (two.boxes > 0)[None]
+    return np.where(known, new * likeness(1 - mean @ other.T), 0.0)
+
+
+def no_looks(sets: int, dim: int = 0) -> Looks:
+    """Looks of so many sets without an embedding, which would have `dim` numbers."""
+    return Looks(np.zeros((sets, dim)), np.zeros(sets, np.int64))
+
+
+def looks_of(embedding: Embeddings, member: Int[np.ndarray, "group cam"]) -> Looks:
+    """Sum the embeddings of the boxes (H, C) of each group, -1 for none."""
     is_usable = (member >= 0) & embedding.exists(member)
     total = np.zeros((len(member), embedding.dim), np.float32)
     for camera in range(member.shape[1]):
         rows = np.flatnonzero(is_usable[:, camera])
         total[rows] += embedding[member[rows, camera]]
-    return Looks(total, is_usable.sum(1), ratios.likeness)
+    return Looks(total, is_usable.sum(1))
 
 
 def _robust(values: np.ndarray) -> tuple[float, float]:

@@ -14,11 +14,12 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
-from catfree.methods.evidence.group._appearance import Looks
+from catfree.methods.evidence.group._appearance import Looks, compare_looks
 from catfree.methods.evidence.track._pasts import (
     Pasts,
     SeenPositions,
@@ -124,9 +125,10 @@ def seen_positions(
     wider = np.eye(3) + small @ np.pad(error[rows], ((0, 0), (0, 1), (0, 1)))
     matrix = np.linalg.solve(wider, small)
     vector = np.linalg.solve(wider, small_vector[..., None])[..., 0]
-    look, boxes = looks.total[group], looks.count[group]
-    look[~is_detected], boxes[~is_detected] = 0, 0
-    return SeenPositions(matrix, vector, look, boxes)
+    shown = looks.at(group)
+    for part in shown:
+        part[~is_detected] = 0
+    return SeenPositions(matrix, vector, shown)
 
 
 def estimate_habits(
@@ -198,32 +200,33 @@ class ChainBoxes(NamedTuple):
     """The boxes of each chain's positions.
 
     Attributes:
-        look: (K, D) sum of their embeddings.
-        boxes: (K,) their number.
-        sightings: (K,) number of positions with a box.
+        looks: of the K chains.
+        sightings: (K,) number of positions with an embedding.
     """
 
-    look: Float[np.ndarray, "k dim"]
-    boxes: Int[np.ndarray, " k"]
+    looks: Looks
     sightings: Int[np.ndarray, " k"]
 
     @classmethod
     def of(cls, seen: SeenPositions, chain: Int[np.ndarray, " n"], chains: int) -> "ChainBoxes":
         """Boxes of N positions; `chain` (N,) names one of `chains` for each of them."""
-        look = np.zeros((chains, seen.look.shape[1]))
-        np.add.at(look, chain, seen.look)
-        boxes = np.bincount(chain, seen.boxes, chains).astype(int)
-        return cls(look, boxes, np.bincount(chain, seen.boxes > 0, chains).astype(int))
+        total, boxes = seen.looks
+        sums = np.zeros((chains, total.shape[1]))
+        np.add.at(sums, chain, total)
+        counts, sightings = (
+            np.bincount(chain, number, chains).astype(int) for number in (boxes, boxes > 0)
+        )
+        return cls(Looks(sums, counts), sightings)
 
     def at(self, chains: Int[np.ndarray, " k"]) -> "ChainBoxes":
         """Some of the chains."""
-        return ChainBoxes(*(part[chains] for part in self))
+        return jax.tree.map(lambda part: part[chains], self)
 
     def subtract(self, seen: SeenPositions, chain: Int[np.ndarray, " n"]) -> None:
         """Take away positions of different chains, in place."""
-        self.look[chain] -= seen.look
-        self.boxes[chain] -= seen.boxes
-        self.sightings[chain] -= seen.boxes > 0
+        self.looks.total[chain] -= seen.looks.total
+        self.looks.boxes[chain] -= seen.looks.boxes
+        self.sightings[chain] -= seen.looks.boxes > 0
 
 
 class Futures(NamedTuple):
@@ -307,7 +310,7 @@ def sweep(
     kinds = {dt: transition(population.motion, dt) for dt in set(np.diff(population.time).tolist())}
     steps = [kinds[dt] for dt in np.diff(population.time).tolist()]
     futures = futures_of(at, seen, chain, steps)
-    pasts = no_pasts(seen.look.shape[1])
+    pasts = no_pasts(seen.looks.total.shape[1])
     chains = int(chain.max()) + 1
     ahead = ChainBoxes.of(seen, chain, chains)
     names, count = np.zeros(len(chain), int), 0
@@ -375,7 +378,7 @@ def match_chains(
     gain = np.zeros(hope.shape)
     gain[i, j] = np.logaddexp(*same) - value[j] - surprise[i, j]
     # A whole future counts like one usual position of it: its errors are common.
-    each = ahead.boxes / np.maximum(ahead.sightings, 1)
-    ratio = population.looks.compare(pasts.look, pasts.boxes, ahead.look, ahead.boxes, each)
+    each = ahead.looks.boxes / np.maximum(ahead.sightings, 1)
+    ratio = compare_looks(pasts.looks, ahead.looks, each, population.likeness)
     gain[i, j] += ratio[i, j]
     return assign(gain)

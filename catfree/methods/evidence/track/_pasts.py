@@ -5,11 +5,13 @@ Tracks are followed this way, and so are the identities that are made of them.
 
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
+from catfree.methods.evidence.group._appearance import Looks, no_looks
 from catfree.types._annotations import HostOrDevice
 
 
@@ -19,19 +21,16 @@ class SeenPositions(NamedTuple):
     Attributes:
         matrix: (N, 3, 3) information of y1, y2, H.
         vector: (N, 3) the matrix times the measured state.
-        look: (N, D) sum of the embeddings of each position's boxes; D is 0 without looks.
-        boxes: (N,) number of these.
+        looks: of the N positions.
     """
 
     matrix: Float[HostOrDevice, "n 3 3"]
     vector: Float[HostOrDevice, "n 3"]
-    look: Float[np.ndarray, "n dim"]
-    boxes: Int[np.ndarray, " n"]
+    looks: Looks
 
     def at(self, rows) -> "SeenPositions":
         """Some of the positions."""
-        matrix, vector, look, boxes = self
-        return SeenPositions(matrix[rows], vector[rows], look[rows], boxes[rows])
+        return jax.tree.map(lambda part: part[rows], self)
 
 
 class Pasts(NamedTuple):
@@ -41,19 +40,18 @@ class Pasts(NamedTuple):
         name: (T,) number.
         gap: (T,) frames since the last position; 0 if it is of this instant.
         mean: (T, 5) y1, y2, H, v1, v2 per usual step, and `covariance`: (T, 5, 5).
-        look: (T, D) sum of the embeddings of the boxes, and `boxes`: (T,) their number.
+        looks: of the T people.
     """
 
     name: Int[np.ndarray, " past"]
     gap: Int[np.ndarray, " past"]
     mean: Float[np.ndarray, "past 5"]
     covariance: Float[np.ndarray, "past 5 5"]
-    look: Float[np.ndarray, "past dim"]
-    boxes: Int[np.ndarray, " past"]
+    looks: Looks
 
     def at(self, rows) -> "Pasts":
         """Some of the people."""
-        return Pasts(*(part[rows] for part in self))
+        return jax.tree.map(lambda part: part[rows], self)
 
     def seen_within(self, frames: int) -> "Pasts":
         """Those with a position in this instant or so many before it."""
@@ -63,7 +61,7 @@ class Pasts(NamedTuple):
 def no_pasts(dim: int) -> Pasts:
     """Nobody yet, with embeddings of `dim` numbers."""
     none = np.zeros(0, int)
-    return Pasts(none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), np.zeros((0, dim)), none)
+    return Pasts(none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), no_looks(0, dim))
 
 
 def predict(pasts: Pasts, A: Float[np.ndarray, "5 5"], Q: Float[np.ndarray, "5 5"]) -> Pasts:
@@ -108,20 +106,20 @@ def extend(
     hit, new = linked >= 0, linked < 0
     old = linked[hit]
     mean, cov, gap = pasts.mean.copy(), pasts.covariance.copy(), pasts.gap + 1
-    look, boxes = pasts.look.copy(), pasts.boxes.copy()
+    total, boxes = pasts.looks.total.copy(), pasts.looks.boxes.copy()
     mean[old], cov[old] = corrected_states(mean[old], cov[old], seen.matrix[hit], seen.vector[hit])
     gap[old] = 0
-    look[old] += seen.look[hit]
-    boxes[old] += seen.boxes[hit]
+    total[old] += seen.looks.total[hit]
+    boxes[old] += seen.looks.boxes[hit]
     info = Information(seen.matrix[new], seen.vector[new], np.zeros(len(begun)))
     place, around = mean_and_covariance(info, spread)
     state = np.pad(place, ((0, 0), (0, 2)))
     covariance = np.pad(around, ((0, 0), (0, 2), (0, 2)))
     covariance[:, [3, 4], [3, 4]] = speed**2
     none = np.zeros(len(begun), int)
-    added = Pasts(begun, none, state, covariance, seen.look[new], seen.boxes[new])
-    longer = pasts._replace(mean=mean, covariance=cov, gap=gap, look=look, boxes=boxes)
-    return Pasts(*map(np.concatenate, zip(longer, added, strict=True)))
+    added = Pasts(begun, none, state, covariance, seen.looks.at(new))
+    longer = Pasts(pasts.name, gap, mean, cov, Looks(total, boxes))
+    return jax.tree.map(lambda *parts: np.concatenate(parts), longer, added)
 
 
 def corrected_states(

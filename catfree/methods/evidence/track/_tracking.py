@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from catfree.methods.evidence._gaussian import Information, log_evidence, mean_and_covariance
-from catfree.methods.evidence.group._appearance import Looks
+from catfree.methods.evidence.group._appearance import Likeness, Looks, compare_looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._pasts import (
     Pasts,
@@ -223,7 +223,8 @@ class Population(NamedTuple):
         density: people per H0².
         spread: of heights in H0.
         settings: constants.
-        looks: appearance of the groups, which compares embeddings.
+        looks: of the groups.
+        likeness: compares looks; None if they say nothing.
     """
 
     time: Float[np.ndarray, " frame"]
@@ -232,6 +233,7 @@ class Population(NamedTuple):
     spread: float
     settings: EvidenceSettings
     looks: Looks
+    likeness: Likeness | None = None
 
 
 def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trails:
@@ -300,15 +302,14 @@ def link(
     Returns:
         The tracks of this frame, those of them to follow further, and the number of the next one.
     """
-    settings, looks = population.settings, population.looks
+    settings, looks = population.settings, population.looks.at(group)
     gain = _link_gain(before, info, population) - settings.gap_penalty * before.gap[:, None]
-    look, boxes = looks.total[group], looks.count[group]
     # Each box of a group counts like a new box of it.
-    gain = gain + looks.compare(before.look, before.boxes, look, boxes, boxes)
+    gain = gain + compare_looks(before.looks, looks, looks.boxes, population.likeness)
     past = assign(gain)
     is_new = past < 0
     begun = count + np.arange(is_new.sum())
-    seen = SeenPositions(info.matrix, info.vector, look, boxes)
+    seen = SeenPositions(info.matrix, info.vector, looks)
     tracks = extend(before, past, begun, seen, population.spread, population.motion.speed)
     linked = np.full(len(tracks.name), -1)
     linked[np.where(is_new, len(before.name) + np.cumsum(is_new) - 1, past)] = group

@@ -14,6 +14,7 @@ from catfree.methods.evidence.group._appearance import (
     Looks,
     PairRatios,
     appearance_log_odds,
+    compare_looks,
     looks_of,
     no_looks,
 )
@@ -39,9 +40,8 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
     blank = rng.random(n) < 0.2
     embedding[blank] = 0
     member = np.where(rng.random((groups, cameras)) < 0.7, np.arange(n).reshape(groups, -1), -1)
-    looks = looks_of(PairRatios(embeddings_of(embedding, np.arange(n)), LIKENESS), member)
-    total, count = looks.total, looks.count
-    found = looks.compare(total, count, total, count, count)
+    looks = looks_of(embeddings_of(embedding, np.arange(n)), member)
+    found = compare_looks(looks, looks, looks.boxes, LIKENESS)
     for a in range(groups):
         for b in range(groups):
             one, two = ([i for i in member[g] if i >= 0 and not blank[i]] for g in (a, b))
@@ -102,7 +102,7 @@ def meeting(turn_back: bool):
     return np.stack([np.stack([-0.15 * x, 0 * x], -1), np.stack([0.15 * x, 0 * x + 0.02], -1)], 1)
 
 
-def who(places, looks_of_group, deviation=0.1):
+def who(places, looks, likeness=LIKENESS, deviation=0.1):
     """(T, 2) track of each person."""
     T = len(places)
     state = np.concatenate([places, np.ones((T, 2, 1))], -1).reshape(-1, 3)
@@ -111,7 +111,7 @@ def who(places, looks_of_group, deviation=0.1):
     frame, member = np.repeat(np.arange(T), 2), np.arange(2 * T)[:, None]
     groups = Groups(frame, member, info, np.zeros(2 * T))
     time, motion = np.arange(T, dtype=float), Motion(0.15, 0.85, 0.03, 0.005)
-    people = Population(time, motion, 0.01, 0.06, EvidenceSettings(), looks_of_group)
+    people = Population(time, motion, 0.01, 0.06, EvidenceSettings(), looks, likeness)
     trails = follow(groups, np.full(2 * T, 5.0), people)
     track = np.full(2 * T, -1)
     track[trails.group[trails.group >= 0]] = trails.track[trails.group >= 0]
@@ -125,7 +125,7 @@ def test_looks_tell_who_is_who_after_a_meeting(turn_back):
     people = unit(rng, 2, 16)
     seen = np.tile(people, (len(places), 1)) + 0.05 * rng.standard_normal((2 * len(places), 16))
     seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
-    looks = Looks(seen, np.ones(len(seen), int), LIKENESS)
+    looks = Looks(seen, np.ones(len(seen), int))
     track = who(places, looks)
     assert (track == track[0]).all()
     assert track[0, 0] != track[0, 1]
@@ -136,8 +136,8 @@ def test_looks_tell_who_is_who_after_a_meeting(turn_back):
 
 def test_without_embeddings_looks_have_no_say():
     places = meeting(turn_back=False)
-    blank = Looks(np.zeros((2 * len(places), 4)), np.zeros(2 * len(places), int), LIKENESS)
-    np.testing.assert_array_equal(who(places, blank), who(places, no_looks(2 * len(places))))
+    nobody = no_looks(2 * len(places), 4)
+    np.testing.assert_array_equal(who(places, nobody), who(places, nobody, likeness=None))
 
 
 def test_somebody_else_in_the_same_place_is_somebody_new():
@@ -146,7 +146,7 @@ def test_somebody_else_in_the_same_place_is_somebody_new():
     people = np.eye(3)
     seen = np.array([people[[0 if t < 4 else 1, 2]] for t in range(8)]).reshape(-1, 3)
     likeness = dataclasses.replace(LIKENESS, limit=40.0)
-    track = who(places, Looks(4 * seen, np.full(16, 4), likeness))
+    track = who(places, Looks(4 * seen, np.full(16, 4)), likeness)
     assert len(np.unique(track[:4, 0])) == len(np.unique(track[4:, 0])) == 1
     assert track[3, 0] != track[4, 0]
     assert (track[:, 1] == track[0, 1]).all()

@@ -48,8 +48,7 @@ def nodes_at(frame, state, noise=NOISE):
     """Positions sorted by frame, measured (N, 3) with a deviation, without looks."""
     frame, state = np.asarray(frame, int), np.asarray(state, float)
     matrix = np.tile(np.eye(3) / noise**2, (len(frame), 1, 1))
-    looks = np.zeros((len(frame), 0)), np.zeros(len(frame), int)
-    return Nodes(frame, SeenPositions(matrix, state / noise**2, *looks))
+    return Nodes(frame, SeenPositions(matrix, state / noise**2, no_looks(len(frame))))
 
 
 def crowd(seed, people=4, frames=12, room=3.0, recall=0.85):
@@ -214,11 +213,11 @@ def test_looks_decide_whether_two_who_met_passed_or_turned_back():
     known = population(20)
     apart = np.abs(nodes.frame - 9.5) > 1
     np.testing.assert_array_equal(settled(nodes, side, known)[apart], passed[apart])
-    looks = Looks(np.zeros((0, 2)), np.zeros(0, int), Likeness((0.1, 0.1), (0.9, 0.1), 4.0, 0.5))
+    known = known._replace(likeness=Likeness((0.1, 0.1), (0.9, 0.1), 4.0, 0.5))
     for who in (passed, side):
-        seen = nodes.seen._replace(look=np.eye(2)[who] * 3, boxes=np.full(len(who), 3))
+        seen = nodes.seen._replace(looks=Looks(np.eye(2)[who] * 3, np.full(len(who), 3)))
         for start in (passed, side):
-            found = settled(nodes._replace(seen=seen), start, known._replace(looks=looks))
+            found = settled(nodes._replace(seen=seen), start, known)
             np.testing.assert_array_equal(found[apart], who[apart])
 
 

@@ -2,9 +2,11 @@
 
 import itertools
 
+import jax
 import numpy as np
 from hypothesis import given, strategies as st
 
+from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.track._pasts import (
     SeenPositions,
     assign,
@@ -21,9 +23,8 @@ WIDE = 1e3  # a place of which nothing is known
 
 def measured(state, precision, boxes=1):
     """Positions (N, 3) with information (N, 3, 3), each with one look."""
-    look = np.ones((len(state), 1)) * boxes
-    vector = np.einsum("nij,nj->ni", precision, state)
-    return SeenPositions(precision, vector, look, np.full(len(state), boxes))
+    looks = Looks(np.ones((len(state), 1)) * boxes, np.full(len(state), boxes))
+    return SeenPositions(precision, np.einsum("nij,nj->ni", precision, state), looks)
 
 
 def followed(frames, seen):
@@ -68,8 +69,8 @@ def test_a_past_is_what_all_measurements_say_together(seed, others):
     np.testing.assert_allclose(past.covariance[0], covariance, atol=1e-5)
     assert past.name.tolist() == [7]
     assert past.gap.tolist() == [0]
-    assert past.boxes.tolist() == [N]
-    assert past.look.tolist() == [[N]]
+    assert past.looks.boxes.tolist() == [N]
+    assert past.looks.total.tolist() == [[N]]
 
 
 @given(st.integers(0, 10**6), st.integers(0, 4), st.integers(0, 4))
@@ -92,7 +93,7 @@ def test_people_are_extended_independently_and_new_ones_come_last(seed, people, 
             before.at(slice(at, at + 1)), np.zeros(len(own), int), begun[:0], seen.at(own),
             SPREAD, MOTION.speed,
         )  # fmt: skip
-        for part, of_one in zip(after, alone, strict=True):
+        for part, of_one in zip(*map(jax.tree.leaves, (after, alone)), strict=True):
             np.testing.assert_allclose(part[at], of_one[0], rtol=1e-12, atol=1e-12)
     assert after.gap.tolist() == [int(at not in linked) for at in range(people)] + [0] * len(begun)
     unseen = (np.setdiff1d(np.arange(people), linked)).tolist()
