@@ -95,8 +95,8 @@ def describe(
     support = np.where(is_detected[:, None], members[group], -1)
     reported = Reported(
         s.boxes.frames[s.trails.frame[rows]], s.identity[rows], s.trails.mean[rows],
-        s.trails.covariance[rows], s.position_covariance[rows], s.probability[rows], support,
-        s.coverage[rows],
+        s.trails.covariance[rows, 3:, 3:], s.position_covariance[rows], s.probability[rows],
+        support, s.coverage[rows],
     )  # fmt: skip
     pace = unit / s.boxes.step
     tracks = tracks_of(reported, scene, s.views.origin, unit, pace, detections.clock).renumbered()

@@ -22,7 +22,7 @@ from catfree.methods.evidence.track._identify import (
     seen_positions,
 )
 from catfree.methods.evidence.track._pasts import extend, predict
-from catfree.methods.evidence.track._presence import chain_weights
+from catfree.methods.evidence.track._presence import presence
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
     Population,
@@ -59,7 +59,7 @@ def provisional(
     rows = np.flatnonzero(alone & _in_working_area(instant.place, state.learned, settings))
     return state, Reported(
         TICKS.frame_at(np.full(len(rows), instant.time)), node.track[rows],
-        node.mean[rows], node.covariance[rows], spread[rows], probability[rows],
+        node.mean[rows], node.covariance[rows, 3:, 3:], spread[rows], probability[rows],
         instant.support[rows], instant.place[rows],
     )  # fmt: skip
 
@@ -141,10 +141,8 @@ def finalize(
     def of_trails(name: str) -> np.ndarray:
         return column(name)[row]
 
-    evidence, forward = of_trails("evidence"), of_trails("forward")
-    backward = chain_weights(trails, evidence, settings.change_evidence, last=True)
-    on, off = (forward + backward).T
-    probability = expit(on - evidence - off)
+    evidence, change = of_trails("evidence"), settings.change_evidence
+    probability = presence(trails, evidence, change, of_trails("forward"))
     last = np.searchsorted(trails.track, trails.track, side="right") - 1  # row of its track
     weight = of_trails("weight")[last]
     seen = jax.tree.map(lambda *parts: np.concatenate(parts), *(i.seen for i in window))
@@ -172,8 +170,8 @@ def finalize(
     rows = np.flatnonzero(reported & oldest)
     frame = TICKS.frame_at(np.array([i.time for i in window]))[trails.frame[rows]]
     final = Reported(
-        frame, identity[rows], trails.mean[rows], trails.covariance[rows], covariance[rows],
-        probability[rows], support[rows], place[rows],
+        frame, identity[rows], trails.mean[rows], trails.covariance[rows, 3:, 3:],
+        covariance[rows], probability[rows], support[rows], place[rows],
     )  # fmt: skip
     return replace(state, window=window[ready:]), final, events
 

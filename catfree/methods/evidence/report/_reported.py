@@ -16,7 +16,8 @@ class Reported(NamedTuple):
     Attributes:
         frame: (n,) of the result.
         identity: (n,) who it is.
-        mean, covariance: (n, 5) and (n, 5, 5) of the state.
+        mean: (n, 5) of the state.
+        velocity_covariance: (n, 2, 2).
         position_covariance: (n, 2, 2) with sway, uneven ground and pose errors.
         existence: (n,) probability.
         support: (n, C) rows of the caller's detections, or -1.
@@ -26,7 +27,7 @@ class Reported(NamedTuple):
     frame: Int[np.ndarray, " n"]
     identity: Int[np.ndarray, " n"]
     mean: Float[np.ndarray, "n 5"]
-    covariance: Float[np.ndarray, "n 5 5"]
+    velocity_covariance: Float[np.ndarray, "n 2 2"]
     position_covariance: Float[np.ndarray, "n 2 2"]
     existence: Float[np.ndarray, " n"]
     support: Int[np.ndarray, "n cam"]
@@ -35,12 +36,11 @@ class Reported(NamedTuple):
 
 def no_rows(cameras: int) -> Reported:
     """Nothing to report."""
-    none, five, square = np.zeros(0), np.zeros((0, 5)), np.zeros((0, 5, 5))
-    integers = np.zeros(0, np.int64)
+    none, integers, square = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 2, 2))
+    support = np.zeros((0, cameras), np.int64)
     return Reported(
-        integers, integers, five, square, square[:, :2, :2], none,
-        np.zeros((0, cameras), np.int64), five[:, :2],
-    )  # fmt: skip
+        integers, integers, np.zeros((0, 5)), square, square, none, support, np.zeros((0, 2))
+    )
 
 
 def tracks_of(
@@ -76,7 +76,7 @@ def tracks_of(
         existence=rows.existence,
         support=rows.support,
         velocity=rows.mean[:, 3:] * pace,
-        velocity_covariance=symmetrized(rows.covariance[:, 3:, 3:]) * pace**2,
+        velocity_covariance=symmetrized(rows.velocity_covariance) * pace**2,
         clock=clock,
         design_sigma=rows.coverage[:, 0] * unit,
         whole_views=rows.coverage[:, 1].astype(np.int64),

@@ -7,7 +7,12 @@ from scipy.special import expit
 from catfree.methods.evidence.track._tracking import Trails
 
 
-def presence(trails: Trails, evidence: np.ndarray, change: float) -> np.ndarray:
+def presence(
+    trails: Trails,
+    evidence: np.ndarray,
+    change: float,
+    forward: Float[np.ndarray, "node 2"] | None = None,
+) -> np.ndarray:
     """Posterior probability that the person of each row is present, from a two-state chain.
 
     In the on state, a frame adds its evidence; switching on or off costs `change` (log-odds), and
@@ -17,11 +22,13 @@ def presence(trails: Trails, evidence: np.ndarray, change: float) -> np.ndarray:
         trails: rows sorted by track and frame.
         evidence: (M,) log-odds of each row.
         change: cost of appearing, and of disappearing before the track ends.
+        forward: (M, 2) `chain_weights`, if earlier rows than these are known.
 
     Returns:
         (M,) probability.
     """
-    forward = chain_weights(trails, evidence, change)
+    if forward is None:
+        forward = chain_weights(trails, evidence, change)
     backward = chain_weights(trails, evidence, change, last=True)
     on, off = (forward + backward).T
     return expit(on - off - evidence)
