@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration.people._radial_lens import RadialLenses
-from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.anchors._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, scene_of
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_deviation
 from catfree.calibration.people.matching._workspace import Workspace, prepare
 from catfree.calibration.people.search._clock_offsets import find_offsets
+from catfree.calibration.people.search._growth import AdjustedRig
 from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput

@@ -1,6 +1,6 @@
 """Alternate grouping and bundle adjustment as the maps of the cameras become more accurate."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -14,33 +14,11 @@ from catfree.calibration.people.adjustment._people_bundle import (
 )
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import People, RigState, group_people
-from catfree.calibration.people.matching._verdict import PlacementVerdict
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
 MOST_PEOPLE = 2500  # in an adjustment, spread evenly over the frames
 MOST_STEPS = 10  # of an adjustment
-
-
-@dataclass(frozen=True)
-class AdjustedRig:
-    """A rig after bundle adjustment, and how well its cameras agree.
-
-    Attributes:
-        state: the rig.
-        bundle: the last adjustment.
-        verdicts: of the cameras that were judged since.
-    """
-
-    state: RigState
-    bundle: BundleResult
-    verdicts: dict[int, PlacementVerdict] = field(default_factory=dict)
-
-    @property
-    def quality(self) -> tuple[int, float]:
-        """Number of cameras that can be trusted, and the sum of their evidence above chance."""
-        margins = [verdict.margin for verdict in self.verdicts.values() if verdict.accepted]
-        return len(margins), float(sum(margins))
 
 
 def measure_people(
@@ -66,7 +44,9 @@ def measure_people(
     return data, np.column_stack([ground.xy[time, slot], ground.height[time, slot]])
 
 
-def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> AdjustedRig | None:
+def alternate(
+    grid: BoxGrid, state: RigState, settings: CalibrationSettings
+) -> tuple[RigState, BundleResult] | None:
     """Group people and adjust the rig, once per range error, the largest first.
 
     Args:
@@ -75,7 +55,7 @@ def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> 
         settings: constants.
 
     Returns:
-        The adjusted rig; None if no person is seen by two cameras.
+        The rig and its last adjustment; None if no person is seen by two cameras.
     """
     middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
     bundle = None
@@ -96,4 +76,4 @@ def alternate(grid: BoxGrid, state: RigState, settings: CalibrationSettings) -> 
         )
         placed = np.isfinite(bundle.parameters)
         state = replace(state, parameters=np.where(placed, bundle.parameters, state.parameters))
-    return None if bundle is None else AdjustedRig(state, bundle)
+    return None if bundle is None else (state, bundle)

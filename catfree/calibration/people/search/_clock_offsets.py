@@ -9,13 +9,16 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
-from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
-from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, map_camera
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState, group_people
-from catfree.calibration.people.matching._placement import vote
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._growth import judge_refined
+from catfree.calibration.people.search._growth import (
+    AdjustedRig,
+    judge_refined,
+    usual_focal,
+    voted_places,
+)
 from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
@@ -135,28 +138,21 @@ def offset_of_unplaced(
         maximum: largest shift to try, in instants by which its clock may be too high or too low.
     """
     settings = work.settings
-    people = group_people(work.grid, state, settings).ground
-    middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
-    planes = work.planes(camera, middle)
-    voting_people = group_people(work.voting, state, settings).ground
+    people = group_people(work.voting, state, settings).ground
     candidates = []
     for shift in _shifts(work, maximum):
-        sample = work.grid.shifted(camera, -shift).thinned(settings.voting_frames)
-        for plane in planes:
-            camera_map = map_camera(sample, camera, plane, settings, RANGE_ERRORS[0])
-            candidates += [
-                (score, shift, placement.place(plane))
-                for score, placement in vote(voting_people, camera_map, settings, 1)
-            ]
-    candidates.sort(key=lambda item: -item[0])
-    tried = candidates[:TRIED_OFFSETS]
+        grid = work.grid.shifted(camera, -shift)
+        sample = grid.thinned(settings.voting_frames)
+        places = voted_places(work, state, camera, sample, people, 1)
+        candidates += [(score, shift, (grid, start)) for score, start in places]
+    tried = sorted(candidates, key=lambda item: -item[0])[:TRIED_OFFSETS]
     judged = judge_refined(
         work,
         state,
         camera,
-        [(work.grid.shifted(camera, -shift), start) for _, shift, start in tried],
-        people,
-        log_focal=middle,
+        [placement for *_, placement in tried],
+        group_people(work.grid, state, settings).ground,
+        log_focal=usual_focal(state),
     )
     best = (0.0, 0)
     for (_, shift, _), one in zip(tried, judged, strict=True):

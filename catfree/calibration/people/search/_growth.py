@@ -1,16 +1,17 @@
 """Grow a rig from a pair: place further cameras, accept them, and remove harmful ones."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
+from catfree.calibration.people.adjustment._alternate import alternate
+from catfree.calibration.people.adjustment._people_bundle import BundleResult
 from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, Z
-from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_camera
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import Placement, turn, vote
 from catfree.calibration.people.matching._verdict import (
@@ -26,6 +27,27 @@ SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are ch
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
 
+@dataclass(frozen=True)
+class AdjustedRig:
+    """A rig after bundle adjustment, and how well its cameras agree.
+
+    Attributes:
+        state: the rig.
+        bundle: the last adjustment.
+        verdicts: on each of its cameras.
+    """
+
+    state: RigState
+    bundle: BundleResult
+    verdicts: dict[int, PlacementVerdict]
+
+    @property
+    def quality(self) -> tuple[int, float]:
+        """Number of cameras that can be trusted, and the sum of their evidence above chance."""
+        margins = [verdict.margin for verdict in self.verdicts.values() if verdict.accepted]
+        return len(margins), float(sum(margins))
+
+
 def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> AdjustedRig:
     """Add cameras to a pair as long as their evidence is sufficient.
 
@@ -35,7 +57,7 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
         pairs: all pair hypotheses, best first, for candidates relative to placed cameras.
 
     Returns:
-        The rig with the last verdicts.
+        The grown rig.
     """
     while not rig.state.placed.all():
         state = rig.state
@@ -61,17 +83,18 @@ def fit_rig(work: Workspace, state: RigState) -> AdjustedRig | None:
         state: the rig before adjustment.
 
     Returns:
-        The rig of the remaining cameras with their verdicts; at least two remain. None if no two of
+        The rig of the remaining cameras; at least two remain. None if no two of
         them see the same people.
     """
     while True:
-        rig = alternate(work.grid, state, work.settings)
-        if rig is None:
+        adjusted = alternate(work.grid, state, work.settings)
+        if adjusted is None:
             return None
-        verdicts, worst = judge_cameras(work, rig.state)
+        state, bundle = adjusted
+        verdicts, worst = judge_cameras(work, state)
         if worst is None:
-            return replace(rig, verdicts=verdicts)
-        state = rig.state.without_camera(worst)
+            return AdjustedRig(state, bundle, verdicts)
+        state = state.without_camera(worst)
 
 
 def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
@@ -82,10 +105,10 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
 
     Args:
         work: the sequence.
-        rig: the rig after adjustment, with the verdicts of all cameras.
+        rig: with all of its cameras.
 
     Returns:
-        The rig of the remaining cameras, in the same form.
+        The rig of the remaining cameras.
     """
     while len(rig.verdicts) > 2:
         verdicts = rig.verdicts
@@ -123,12 +146,40 @@ def accepted_candidates(
         Parameters (7,) and verdict of each placement, the likeliest first.
     """
     people = group_people(work.scoring, state, work.settings).ground
-    middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
-    starts = _candidates(work, state, camera, pairs, middle)[:most]
+    starts = _candidates(work, state, camera, pairs)[:most]
     placements = [(work.scoring, start) for start in starts]
-    judged = judge_refined(work, state, camera, placements, people, log_focal=middle)
+    judged = judge_refined(work, state, camera, placements, people, log_focal=usual_focal(state))
     accepted = [one for one in judged if one is not None and one[1].accepted]
     return sorted(accepted, key=lambda one: -one[1].margin)
+
+
+def usual_focal(state: RigState) -> float:
+    """Median log focal length of the placed cameras."""
+    return float(np.median(state.parameters[state.placed, LOG_FOCAL]))
+
+
+def voted_places(
+    work: Workspace, state: RigState, camera: int, grid: BoxGrid, people: GroundMap, most: int
+) -> list[tuple[float, Float[np.ndarray, "7"]]]:
+    """Find placements of a camera by votes against the rig's people, over each of its planes.
+
+    Args:
+        work: the sequence.
+        state: the rig without the camera.
+        camera: index of the camera.
+        grid: the boxes that vote.
+        people: of the rig, in the same frames.
+        most: number of placements with each plane.
+
+    Returns:
+        Scores and parameters (7,).
+    """
+    settings, places = work.settings, []
+    for plane in work.planes(camera, usual_focal(state)):
+        camera_map = map_camera(grid, camera, plane, settings, RANGE_ERRORS[0])
+        votes = vote(people, camera_map, settings, most)
+        places += [(score, placement.place(plane)) for score, placement in votes]
+    return places
 
 
 def judge_refined(
@@ -171,18 +222,10 @@ def _candidates(
     state: RigState,
     camera: int,
     pairs: Sequence[PairHypothesis],
-    middle: float,
 ) -> list[Float[np.ndarray, "7"]]:
     """Distinct placements of a camera, from votes against the rig's people and from pairs."""
-    settings = work.settings
-    people = group_people(work.voting, state, settings).ground
-    votes = []
-    for plane in work.planes(camera, middle):
-        camera_map = work.local_map(work.voting, camera, plane)
-        votes += [
-            (score, placement.place(plane))
-            for score, placement in vote(people, camera_map, settings, CANDIDATES)
-        ]
+    people = group_people(work.voting, state, work.settings).ground
+    votes = voted_places(work, state, camera, work.voting, people, CANDIDATES)
     starts = [start for _, start in sorted(votes, key=lambda item: -item[0])]
     composed = [
         _compose(state, pair, camera)
@@ -192,7 +235,7 @@ def _candidates(
     kept: list[np.ndarray] = []
     for start in composed[:1] + starts + composed[1:]:
         place = Placement(start[PAN], start[X:Z])
-        if not any(place.is_near(Placement(o[PAN], o[X:Z]), settings) for o in kept):
+        if not any(place.is_near(Placement(o[PAN], o[X:Z]), work.settings) for o in kept):
             kept.append(start)
     return kept
 

@@ -2,10 +2,9 @@
 
 from itertools import combinations
 
-from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._camera_pairs import PairHypothesis, search_pair
-from catfree.calibration.people.search._growth import drop_harmful, fit_rig, grow_rig
+from catfree.calibration.people.search._growth import AdjustedRig, drop_harmful, fit_rig, grow_rig
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
 

@@ -4,12 +4,12 @@ import numpy as np
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people._radial_lens import RadialLenses
-from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.adjustment._people_bundle import BundleResult
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._verdict import PlacementVerdict
 from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.search._growth import AdjustedRig
 from catfree.settings import CalibrationSettings
 
 CAMERAS = 6
