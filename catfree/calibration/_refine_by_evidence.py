@@ -21,9 +21,12 @@ from catfree.calibration._confident_people import (
     well_seen,
 )
 from catfree.calibration._refinement import CAMERAS, MOST_FRAMES, SAME_RESIDUAL, STEPS, Refinement
-from catfree.calibration.people._correspondences import adjust_groups
 from catfree.calibration.people._radial_lens import ideal_pixels
-from catfree.calibration.people.adjustment._people_bundle import BoxMeasurements, KnownCameras
+from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
+    RigPrior,
+    adjust_people_bundle,
+)
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, of_rig, rotation
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame, Similarity, transform_scene
@@ -192,10 +195,11 @@ def _adjusted(
     precision = people.repeats * np.array(deviation) ** -2.0
     person, camera = np.nonzero(people.member >= 0)
     row = people.member[person, camera]
-    result = adjust_groups(
+    result = adjust_people_bundle(
         BoxMeasurements(person, camera, _ideal_boxes(detections[row], rig), people.box_sd[row]),
         start,
-        KnownCameras(
+        None,
+        RigPrior(
             _parameters(frame, original.rig, unit_in_meters),
             np.broadcast_to(precision, start.shape),
         ),

@@ -37,6 +37,10 @@ class RadialLenses:
         share, k1 = (np.where(known, a, np.median(a[known])) for a in (share, k1))
         return cls(share * size, k1)
 
+    def of_focal(self, focal: Float[np.ndarray, " cam"]) -> "RadialLenses":
+        """Lenses of other focal lengths that bend pixels as these do."""
+        return RadialLenses(focal, self.k1 * (focal / self.focal) ** 2)
+
     def straightened(
         self, camera: Int[np.ndarray, " n"], edges: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "n 3"]:

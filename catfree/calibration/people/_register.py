@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration.people._radial_lens import RadialLenses
+from catfree.calibration.people.adjustment._people_bundle import BundleResult
 from catfree.calibration.people.anchors._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, scene_of
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_deviation
@@ -228,29 +230,40 @@ def describe_registration(
     association, evidence = np.full((2, work.grid.camera_count), np.nan)
     for camera, verdict in verdicts.items():
         association[camera], evidence[camera] = verdict.association, verdict.margin
-    placed, parameters, own = state.placed, state.parameters, bundle.own_covariance
-    crowd_sd = crowd_deviation(len(bundle.people) / work.grid.frame_count, work.settings)
     # The boxes were straightened for another focal length.
-    ratio = np.exp(parameters[:, LOG_FOCAL]) / work.lenses.focal
-    k1 = work.lenses.k1 * np.nan_to_num(ratio) ** 2
+    k1 = work.lenses.of_focal(np.exp(state.parameters[:, LOG_FOCAL])).k1
     return Calibration(
-        scene=scene_of(parameters, work.grid.size, k1),
+        scene=scene_of(state.parameters, work.grid.size, k1),
         association_rate=association,
         log_likelihood_ratio=evidence,
-        focal_sd=np.exp(parameters[:, LOG_FOCAL]) * np.sqrt(own[:, LOG_FOCAL, LOG_FOCAL]),
         camera_covariance=bundle.camera_covariance(),
-        distortion_sd=np.where(placed, bundle.k1_sd, np.nan),
-        center_covariance=np.where(placed[:, None, None], own[:, X:, X:], np.nan),
+        distortion_sd=np.where(state.placed, bundle.k1_sd, np.nan),
         shared_focal=False,
-        scale_sd=np.hypot(
-            scale_deviation(parameters, bundle.camera_covariance(), placed),
-            crowd_sd / work.settings.person_height,
-        ).item(),
-        crowd_height=work.settings.person_height,
-        crowd_height_sd=crowd_sd,
         foot_offset=work.settings.foot_offset,
-        residual=bundle.residual,
-        camera_residual=bundle.camera_residual,
-        sightings=bundle.sightings,
         frame_offset=offset,
+        **told_by(bundle, work.grid.frame_count, work.settings),
     )
+
+
+def told_by(bundle: BundleResult, instants: int, settings: CalibrationSettings) -> dict[str, Any]:
+    """Fields of a `Calibration` that every adjustment tells; NaN for cameras without boxes.
+
+    Args:
+        bundle: the adjustment.
+        instants: number of frames that its people are from.
+        settings: constants.
+    """
+    known = np.isfinite(bundle.parameters[:, LOG_FOCAL])
+    own, focal = bundle.own_covariance, np.exp(bundle.parameters[:, LOG_FOCAL])
+    crowd_sd = crowd_deviation(len(bundle.people) / instants, settings)
+    scale_sd = scale_deviation(bundle.parameters, bundle.camera_covariance(), known)
+    return {
+        "focal_sd": focal * np.sqrt(own[:, LOG_FOCAL, LOG_FOCAL]),
+        "center_covariance": np.where(known[:, None, None], own[:, X:, X:], np.nan),
+        "scale_sd": np.hypot(scale_sd, crowd_sd / settings.person_height).item(),
+        "crowd_height": settings.person_height,
+        "crowd_height_sd": crowd_sd,
+        "residual": bundle.residual,
+        "camera_residual": bundle.camera_residual,
+        "sightings": bundle.sightings,
+    }

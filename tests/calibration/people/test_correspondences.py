@@ -7,8 +7,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people import AnchorCheck
-from catfree.calibration.people._correspondences import adjust_groups, refine_with_correspondences
-from catfree.calibration.people.adjustment._people_bundle import BoxMeasurements, weak_prior
+from catfree.calibration.people._correspondences import refine_with_correspondences
+from catfree.calibration.people.adjustment._people_bundle import (
+    BoxMeasurements,
+    adjust_people_bundle,
+    weak_prior,
+)
 from catfree.errors import InvalidInputError
 from catfree.settings import CalibrationSettings
 from catfree.synthetic import make_layout
@@ -39,9 +43,10 @@ def measured(rng: np.random.Generator) -> tuple[BoxMeasurements, np.ndarray]:
 
 
 def adjusted(measurements: BoxMeasurements, parameters: np.ndarray) -> np.ndarray:
-    found = adjust_groups(
+    found = adjust_people_bundle(
         measurements,
         parameters,
+        None,
         weak_prior(measurements.camera, parameters, parameters[:, 0], SETTINGS),
         SETTINGS,
         focal_spread=np.inf,

@@ -6,7 +6,7 @@ wrong edge. The prior on person heights fixes the scale, the ground is z = 0, an
 position of one camera fix the rest of the gauge.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from catfree.calibration.people._radial_lens import lens
+from catfree.calibration.people._radial_lens import RadialLenses, lens
 from catfree.calibration.people.cameras._camera_model import (
     K1,
     LOG_FOCAL,
@@ -26,6 +26,7 @@ from catfree.calibration.people.cameras._camera_model import (
     Z,
     projection,
 )
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, map_ground
 from catfree.geometry._buckets import padded, padded_length
 from catfree.geometry._least_squares import (
     CAUCHY,
@@ -58,7 +59,7 @@ class BoxMeasurements:
         person: (n,) index of the person, ascending, without gaps.
         camera: (n,) index of the camera.
         box: (n, 3) center, top row, bottom row in pixels from the image center.
-        sd: (n, 3) standard deviations in pixels.
+        sd: (n, 3) standard deviations in pixels; NaN or infinity for an edge without information.
     """
 
     person: Int[np.ndarray, " n"]
@@ -68,7 +69,7 @@ class BoxMeasurements:
 
 
 @dataclass(frozen=True)
-class KnownCameras:
+class RigPrior:
     """Gaussian prior on the cameras, which also fixes the gauge.
 
     Attributes:
@@ -223,8 +224,8 @@ def _solve(
 def adjust_people_bundle(
     measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
-    people: Float[np.ndarray, "person 3"],
-    known: KnownCameras,
+    people: Float[np.ndarray, "person 3"] | None,
+    known: RigPrior,
     settings: CalibrationSettings,
     *,
     focal_spread: float,
@@ -236,7 +237,7 @@ def adjust_people_bundle(
     Args:
         measurements: the boxes.
         parameters: (C, 7) initial cameras.
-        people: (P, 3) initial ground positions and heights in meters.
+        people: (P, 3) initial ground positions and heights in meters; from single views if None.
         known: prior on the cameras, such as `weak_prior`.
         settings: constants.
         focal_spread: standard deviation of log focal lengths from their mean; infinity if they
@@ -244,7 +245,10 @@ def adjust_people_bundle(
         iterations: maximum number of steps.
         k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
     """
-    data, count, cameras = measurements, len(people), len(parameters)
+    data = replace(measurements, sd=np.nan_to_num(measurements.sd, nan=np.inf, posinf=np.inf))
+    if people is None:
+        people = _people_of_views(data, parameters, k1, settings)
+    count, cameras = len(people), len(parameters)
     sightings = np.bincount(data.camera, minlength=cameras)
     used = sightings > 0
     boxes, precision = (np.zeros((cameras, count, 3)) for _ in range(2))
@@ -291,12 +295,42 @@ def adjust_people_bundle(
     )
 
 
+def _people_of_views(
+    measurements: BoxMeasurements,
+    parameters: Float[np.ndarray, "cam 7"],
+    k1: Float[np.ndarray, " cam"] | None,
+    settings: CalibrationSettings,
+) -> Float[np.ndarray, "person 3"]:
+    """(P, 3) ground position, averaged over single views, and usual height of each person."""
+    boxes = measurements.box
+    if k1 is not None:
+        lenses = RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1)
+        boxes = lenses.straightened(measurements.camera, boxes)
+    count = int(measurements.person.max()) + 1
+    total, weights = np.zeros((count, 2)), np.full(count, 1e-9)
+    for camera in np.unique(measurements.camera):
+        mine = measurements.camera == camera
+        person, box, sd = measurements.person[mine], boxes[mine], measurements.sd[mine]
+        ground_map = map_ground(
+            parameters[camera],
+            box[None],
+            np.minimum(sd.mean(1), 0.2 * (box[:, 2] - box[:, 1]))[None],
+            np.ones((1, len(box)), bool),
+            settings,
+            range_tolerance=RANGE_ERRORS[-1],
+        )
+        weight = ground_map.valid[0] / ground_map.covariance[0].trace(axis1=1, axis2=2)
+        np.add.at(total, person, weight[:, None] * ground_map.xy[0])
+        np.add.at(weights, person, weight)
+    return np.column_stack([total / weights[:, None], np.full(count, settings.apparent_height)])
+
+
 def weak_prior(
     camera: Int[np.ndarray, " n"],
     parameters: Float[np.ndarray, "cam 7"],
     log_focal: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
-) -> KnownCameras:
+) -> RigPrior:
     """Prior on focal lengths and rolls; heading and position of the camera with most boxes fixed.
 
     Args:
@@ -310,7 +344,7 @@ def weak_prior(
     mean[:, LOG_FOCAL], mean[anchor, PAN:Z] = log_focal, parameters[anchor, PAN:Z]
     precision[:, LOG_FOCAL], precision[:, ROLL] = settings.focal_log_sd**-2, settings.roll_sd**-2
     precision[anchor, PAN:Z] = GAUGE_SD**-2
-    return KnownCameras(mean, precision)
+    return RigPrior(mean, precision)
 
 
 def _median_size(residual: Float[np.ndarray, "n 3"]) -> float:

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from catfree.calibration.people.adjustment import _people_bundle
 from catfree.calibration.people.adjustment._people_bundle import (
     BoxMeasurements,
-    KnownCameras,
+    RigPrior,
     adjust_people_bundle,
     weak_prior,
 )
@@ -45,7 +45,7 @@ def drawn(seed, *, known, count=PEOPLE):
     sd = rng.uniform(2, 5, box.shape)
     data = BoxMeasurements(person, camera, box + sd * rng.standard_normal(box.shape), sd)
     precision = np.tile([9.0, 99, 50, 30, 4, 4, 4], (CAMERAS, 1))
-    prior = KnownCameras(parameters + 0.01, precision)
+    prior = RigPrior(parameters + 0.01, precision)
     return data, (parameters, np.column_stack([xy, height])), prior if known else None
 
 
@@ -160,7 +160,7 @@ def test_a_second_rig_of_like_size_needs_no_compilation():
 
 def test_a_camera_that_no_rig_can_have_is_left_by_no_step():
     data, (cameras, people), _ = drawn(1, known=False)
-    far = KnownCameras(cameras + 200.0 * np.eye(7)[Z], np.full((CAMERAS, 7), 1e9))
+    far = RigPrior(cameras + 200.0 * np.eye(7)[Z], np.full((CAMERAS, 7), 1e9))
     found = adjusted(data, (cameras, people), far)
     assert np.nanmax(found.parameters[:, Z]) < _people_bundle.CAMERA_HEIGHTS[1]
 
