@@ -15,7 +15,7 @@ import numpy as np
 import scipy  # its statistics, which take long to import, where they are used
 from jaxtyping import Bool, Float
 
-from catfree.calibration.people._radial_lens import radial_distortion
+from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
 from catfree.calibration.people._register import Calibration
 from catfree.calibration.people.anchors._anchors import (
     Anchor,
@@ -139,7 +139,7 @@ def anchored(
             "The anchors on the map are seen by cameras that are not registered "
             f"({shortened(listed)}). Add points or positions of others."
         )
-    deviation = np.array([calibration.crowd_height_sd / calibration.crowd_height])
+    deviation = calibration.crowd_height_sd / calibration.crowd_height
     people = Measurement(None, PEOPLE, 0, np.zeros((2, 2)), np.zeros(1), deviation, 0.0)
     unusual = settings.unusual_height_sd / settings.person_height
     problem = _Problem([*usable, people], cameras, _prior(calibration), start, unusual)
@@ -221,8 +221,8 @@ class _Problem:
             CalibrationError: if the fit diverges.
         """
         if crowd is None:
-            crowd = self.measured[-1].sd.item() if chosen[-1] else self.unusual
-        people = self.measured[-1]._replace(sd=np.array([crowd]))
+            crowd = self.measured[-1].sd if chosen[-1] else self.unusual
+        people = self.measured[-1]._replace(sd=crowd)
         try:
             return self._fit(chosen, people)
         except np.linalg.LinAlgError as error:
@@ -353,7 +353,7 @@ def _start(
     distinct = len(np.unique(places, axis=0))
     if distinct + bool(turned) < 2:
         return np.zeros(1)
-    level = [m._replace(value=m.value[:2], sd=m.sd[:2]) for m in on]
+    level = [m._replace(value=m.value[:2]) for m in on]
     points = places - linearize(level, cameras, np.zeros(4))[2].reshape(-1, 2)
     if distinct > 1:
         # Over complex numbers a rotation times a scale is one factor.
@@ -474,9 +474,9 @@ def _described(
     cameras, J = map_cameras(fit.cameras, fit.frame)
     covariance = (J @ fit.covariance @ J.T).reshape(count, 7, count, 7)
     focal = np.exp(cameras[:, LOG_FOCAL])
-    # The bend in pixels stays.
-    k1 = radial_distortion(rig) * (focal / np.asarray(rig.K, np.float64)[:, 0, 0]) ** 2
-    scene = scene_of(np.where(known[:, None], cameras, np.nan), rig.image_size, k1)
+    lenses = RadialLenses(np.asarray(rig.K, np.float64)[:, 0, 0], radial_distortion(rig))
+    bent = lenses.of_focal(focal).k1
+    scene = scene_of(np.where(known[:, None], cameras, np.nan), rig.image_size, bent)
     blocks = covariance[np.arange(count), :, np.arange(count)]
     scale = float(np.exp(fit.frame[0]))
     crowd_height = calibration.crowd_height * scale

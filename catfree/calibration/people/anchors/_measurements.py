@@ -51,7 +51,7 @@ class Measurement(NamedTuple):
         pixels: (2, 2) in pixels from the image center of an ideal camera; arbitrary if the quantity
             has none.
         value: (d,) what is stated.
-        sd: (d,) its standard deviations.
+        sd: standard deviation of each of its numbers.
         pixel_sd: standard deviation of each pixel coordinate.
     """
 
@@ -60,7 +60,7 @@ class Measurement(NamedTuple):
     camera: int
     pixels: Float[np.ndarray, "2 2"]
     value: Float[np.ndarray, " d"]
-    sd: Float[np.ndarray, " d"]
+    sd: float
     pixel_sd: float
 
 
@@ -104,8 +104,9 @@ def measurements_of(
         pixels = ideal_pixels(rig, np.full(2, camera), pixels)
         for kind, value, sd in stated:
             values = np.atleast_1d(np.asarray(value, np.float64))
-            sds = np.full(values.shape, sd, np.float64)
-            measurements.append(Measurement(anchor, kind, camera, pixels, values, sds, pixel_sd))
+            measurements.append(
+                Measurement(anchor, kind, camera, pixels, values, float(sd), pixel_sd)
+            )
     return measurements
 
 
@@ -199,7 +200,7 @@ def linearize(
     by_cameras[np.arange(len(owner)), camera[owner]] = by_camera[owner, row]
     off = np.array([v for m in measurements for v in m.value]) - value[owner, row]
     noise = [
-        np.diag(m.sd**2) + m.pixel_sd**2 * slope[:size] @ slope[:size].T
+        m.sd**2 * np.eye(size) + m.pixel_sd**2 * slope[:size] @ slope[:size].T
         for m, slope, size in zip(measurements, by_pixel, sizes, strict=True)
     ]
     return (

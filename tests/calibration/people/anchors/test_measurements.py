@@ -31,7 +31,7 @@ def drawn(seed):
 
 def measured(kind, pixels):
     size = {POSITION: 3, ROTATION: 3, POINT: 2}.get(kind, 1)
-    return Measurement(None, kind, 0, pixels, np.zeros(size), np.ones(size), 1.0)
+    return Measurement(None, kind, 0, pixels, np.zeros(size), 1.0, 1.0)
 
 
 @given(st.integers(0, 10**6))
