@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Int, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 
 from catfree.errors import InvalidInputError, quoted
 
@@ -100,3 +100,28 @@ def equal_pairs(
     """
     start, stop = (np.searchsorted(second, first, side) for side in ("left", "right"))
     return expand_ranges(start, stop)
+
+
+def mutually_lowest(
+    cost: Float[np.ndarray, " pair"], one: Int[np.ndarray, " pair"], other: Int[np.ndarray, " pair"]
+) -> Bool[np.ndarray, " pair"]:
+    """Mark the pairs with the lowest cost of both of their members; the first of equal ones.
+
+    Args:
+        cost: (p,) of the pairs; infinite for pairs that never count.
+        one: (p,) first member of each pair.
+        other: (p,) second member.
+    """
+    return _first_lowest(cost, one) & _first_lowest(cost, other)
+
+
+def _first_lowest(
+    cost: Float[np.ndarray, " pair"], group: Int[np.ndarray, " pair"]
+) -> Bool[np.ndarray, " pair"]:
+    """Mark the first pair with the lowest finite cost of each group."""
+    lowest = np.full(int(group.max(initial=-1)) + 1, np.inf, cost.dtype)
+    np.minimum.at(lowest, group, cost)
+    at = np.flatnonzero((cost == lowest[group]) & np.isfinite(cost))
+    marked = np.zeros(len(group), bool)
+    marked[at[np.unique(group[at], return_index=True)[1]]] = True
+    return marked

@@ -1,7 +1,12 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.types._sampling import evenly_spread, frame_step, rows_of_picture
+from catfree.types._sampling import (
+    evenly_spread,
+    frame_step,
+    mutually_lowest,
+    rows_of_picture,
+)
 
 
 @given(st.integers(0, 300), st.integers(1, 120))
@@ -36,3 +41,18 @@ def test_rows_of_a_picture_are_those_of_its_frame_and_camera(seed, n, frame, cam
         rows_of_picture(frames, cameras, frame, camera),
         np.flatnonzero((frames == frame) & (cameras == camera)),
     )
+
+
+@given(st.integers(0, 10**6), st.integers(0, 30))
+def test_mutually_lowest_pairs_are_the_first_best_of_both_members(seed, n):
+    rng = np.random.default_rng(seed)
+    one, other = rng.integers(0, 5, (2, n))
+    cost = rng.integers(0, 4, n).astype(float)  # many are equal
+    cost[cost == 3] = np.inf
+
+    def first_best(members, pair):
+        same = [k for k in range(n) if members[k] == members[pair]]
+        return np.isfinite(cost[pair]) and min(same, key=lambda k: cost[k]) == pair
+
+    expected = [first_best(one, pair) and first_best(other, pair) for pair in range(n)]
+    assert mutually_lowest(cost, one, other).tolist() == expected

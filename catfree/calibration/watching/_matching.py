@@ -18,7 +18,7 @@ from catfree.calibration.watching._sights import (
     Sights,
     predicted,
 )
-from catfree.types._sampling import equal_pairs
+from catfree.types._sampling import equal_pairs, mutually_lowest
 
 SPREAD = 0.12  # of a box height; deviation of a box from a person that it may show
 GATE = 3.0  # deviations; the largest distance of a match
@@ -113,19 +113,9 @@ def _nearest(
     off = (boxes.angle[b] - angle[a]) / (SPREAD * boxes.size[b, None])
     usable = boxes.whole[b, 0] & boxes.whole[b, 1:].any(-1)
     distance = np.where(boxes.whole[b], off**2, 0.0).sum(-1)
-    near = np.flatnonzero(usable & (distance < GATE**2))
-    near = near[np.argsort(distance[near], kind="stable")]
-    first_a, first_b = (np.full(len(x), -1) for x in (person, boxes.frame))
-    _fill_first(first_a, a[near], near)
-    _fill_first(first_b, b[near], near)
-    kept = near[(first_a[a[near]] == near) & (first_b[b[near]] == near)]
+    kept = mutually_lowest(np.where(usable & (distance < GATE**2), distance, np.inf), a, b)
     score = float((1 - distance[kept] / GATE**2).sum())
     return BoxMatches(person[a[kept]], b[kept], angle[a[kept]], score, person)
-
-
-def _fill_first(first: np.ndarray, key: np.ndarray, value: np.ndarray) -> None:
-    """Set the entry of each key to its first value."""
-    first[key[::-1]] = value[::-1]
 
 
 def candidates(

@@ -4,10 +4,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Float, Float32, Int
 from scipy.ndimage import gaussian_filter
 
 from catfree.calibration.people.cameras._ground_map import GroundMap
+from catfree.types._sampling import mutually_lowest
 
 ROUNDING = 1.01  # single precision may shorten a distance by less
 LEAST_DENSITY = 0.002  # boxes per square meter and frame: one somewhere in 500 square meters
@@ -45,7 +46,7 @@ def mutual_nearest(one: GroundMap, other: GroundMap, gate: float) -> Matches:
         other: (T, M) people in the same frames.
         gate: largest squared Mahalanobis distance of a pair.
     """
-    (frames, slots), partners = one.valid.shape, other.valid.shape[1]
+    slots, partners = one.valid.shape[1], other.valid.shape[1]
     x, y, a, b, d, reach = _components(one, gate)
     to_x, to_y, to_a, to_b, to_d, to_reach = _components(other, gate)
     apart = x[:, :, None] - to_x[:, None, :]
@@ -64,8 +65,7 @@ def mutual_nearest(one: GroundMap, other: GroundMap, gate: float) -> Matches:
     log_determinant = np.log(determinant)
     pairs = Matches(frame, slot, partner, distance, log_determinant)
     cost = np.where(distance < gate, distance + log_determinant, np.inf)
-    best = _first_lowest(cost, row, frames * slots)
-    best &= _first_lowest(cost, column, frames * partners)
+    best = mutually_lowest(cost, row, column)
     return Matches(*(values[best] for values in pairs))
 
 
@@ -79,18 +79,6 @@ def _components(people: GroundMap, gate: float) -> tuple[Float32[np.ndarray, "fr
     b = people.covariance[..., 0, 1]
     values = (people.xy[..., 0], people.xy[..., 1], a, b, d, reach)
     return tuple(np.ascontiguousarray(value, np.float32) for value in values)
-
-
-def _first_lowest(
-    cost: Float32[np.ndarray, " pair"], group: Int[np.ndarray, " pair"], count: int
-) -> Bool[np.ndarray, " pair"]:
-    """Mark the first pair with the lowest finite cost of each group."""
-    lowest = np.full(count, np.inf, cost.dtype)
-    np.minimum.at(lowest, group, cost)
-    at = np.flatnonzero((cost == lowest[group]) & np.isfinite(cost))
-    marked = np.zeros(len(group), bool)
-    marked[at[np.unique(group[at], return_index=True)[1]]] = True
-    return marked
 
 
 def chance_density(
