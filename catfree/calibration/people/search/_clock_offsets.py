@@ -9,14 +9,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._growth import (
     AdjustedRig,
     judge_refined,
-    usual_focal,
     voted_places,
 )
 from catfree.calibration.people.search._register_cameras import register_cameras
@@ -104,7 +102,6 @@ def _offset_of_placed(
     # A wrong clock distorts the others, too.
     rest = replace(state.without_camera(camera), range_tolerance=RANGE_ERRORS[1])
     others = group_people(work.grid, rest, work.settings).ground
-    log_focal = float(state.parameters[camera, LOG_FOCAL])
     evidence: dict[int, float] = {}
     best, shifts = 0, _shifts(work, maximum)
     while True:
@@ -116,7 +113,6 @@ def _offset_of_placed(
             camera,
             [(work.grid.shifted(camera, -s), state.parameters[camera]) for s in untried],
             others,
-            log_focal=log_focal,
         )
         for shift, one in zip(untried, judged, strict=True):
             evidence[shift] = -np.inf if one is None else one[1].evidence
@@ -152,7 +148,6 @@ def offset_of_unplaced(
         camera,
         [placement for *_, placement in tried],
         group_people(work.grid, state, settings).ground,
-        log_focal=usual_focal(state),
     )
     best = (0.0, 0)
     for (_, shift, _), one in zip(tried, judged, strict=True):

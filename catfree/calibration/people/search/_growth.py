@@ -148,14 +148,9 @@ def accepted_candidates(
     people = group_people(work.scoring, state, work.settings).ground
     starts = _candidates(work, state, camera, pairs)[:most]
     placements = [(work.scoring, start) for start in starts]
-    judged = judge_refined(work, state, camera, placements, people, log_focal=usual_focal(state))
+    judged = judge_refined(work, state, camera, placements, people)
     accepted = [one for one in judged if one is not None and one[1].accepted]
     return sorted(accepted, key=lambda one: -one[1].margin)
-
-
-def usual_focal(state: RigState) -> float:
-    """Median log focal length of the placed cameras."""
-    return float(np.median(state.parameters[state.placed, LOG_FOCAL]))
 
 
 def voted_places(
@@ -175,7 +170,7 @@ def voted_places(
         Scores and parameters (7,).
     """
     settings, places = work.settings, []
-    for plane in work.planes(camera, usual_focal(state)):
+    for plane in work.planes(camera, _expected_focal(state, camera)):
         camera_map = map_camera(grid, camera, plane, settings, RANGE_ERRORS[0])
         votes = vote(people, camera_map, settings, most)
         places += [(score, placement.place(plane)) for score, placement in votes]
@@ -188,22 +183,20 @@ def judge_refined(
     camera: int,
     placements: Sequence[tuple[BoxGrid, Float[np.ndarray, "7"]]],
     people: GroundMap,
-    *,
-    log_focal: float,
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict] | None]:
     """Refine placements of a camera against a fixed map of the others' people, and judge them.
 
     Args:
         work: the sequence.
-        state: the rig.
+        state: the rig, with or without the camera.
         camera: index of the camera.
         placements: all boxes and (7,) initial parameters of each placement.
         people: map of the other cameras, same frames.
-        log_focal: mean of the prior on log focal length.
 
     Returns:
         Parameters (7,) and verdict of each placement; None if it cannot be refined (`resect`).
     """
+    log_focal = _expected_focal(state, camera)
     refined = resect(camera, placements, people, work.settings, log_focal=log_focal)
     judged = []
     for (grid, _), parameters in zip(placements, refined, strict=True):
@@ -215,6 +208,12 @@ def judge_refined(
         verdict = judge_camera(work, grid, fitted, camera, others=people)
         judged.append((parameters, verdict))
     return judged
+
+
+def _expected_focal(state: RigState, camera: int) -> float:
+    """Log focal length of a camera, or the usual one of the others if it is not placed."""
+    placed = state.placed
+    return float(np.median(state.parameters[camera if placed[camera] else placed, LOG_FOCAL]))
 
 
 def _candidates(
