@@ -120,12 +120,9 @@ def refine_registered(
     Raises:
         CalibrationError: as `calibrate`.
     """
-    rules = settings.calibration
-    if rules.evidence_rounds == 0:
-        return without_vague_cameras(registered, rules, camera_names)
-    synchronized = remove_offsets(detections, registered.frame_offset)
-    report = progress or no_progress
-    loop = EvidenceLoop(synchronized, settings, report, camera_names)
-    best, synchronized = loop.synchronized(loop.settle(registered))
-    best = confirm(best, synchronized, rules)
+    rules, best = settings.calibration, registered
+    if rules.evidence_rounds > 0:
+        synchronized = remove_offsets(detections, registered.frame_offset)
+        loop = EvidenceLoop(synchronized, settings, progress or no_progress, camera_names)
+        best = confirm(*loop.synchronized(loop.settle(registered)), rules)
     return without_vague_cameras(best, rules, camera_names)

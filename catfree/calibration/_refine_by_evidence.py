@@ -20,7 +20,7 @@ from catfree.calibration._confident_people import (
     confident_people,
     well_seen,
 )
-from catfree.calibration._refinement import CAMERAS, MOST_FRAMES, SAME_RESIDUAL, STEPS, Refinement
+from catfree.calibration._refinement import CAMERAS, MOST_FRAMES, STEPS, Refinement
 from catfree.calibration.people._radial_lens import ideal_pixels
 from catfree.calibration.people.adjustment._people_bundle import (
     BoxMeasurements,
@@ -43,6 +43,7 @@ from catfree.types import Detections, Rays, Rig, Scene
 from catfree.types._annotations import Progress
 from catfree.types._sampling import evenly_spread
 
+SAME_RESIDUAL = 0.01  # relative difference below which residuals count as equal
 PATIENCE = 3  # rounds without a smaller residual before the loop ends
 FEWEST_LEFT = 0.5  # of the people at the start: fewer may fit any rig
 RUN = 10  # consecutive frames used together: enough to track people

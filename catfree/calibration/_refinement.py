@@ -10,7 +10,6 @@ from catfree.types import Scene
 CAMERAS = 3  # that see a person, at least
 STEPS = 10  # of the bundle adjustment per round
 MOST_FRAMES = 200  # a static rig needs people in many places, not every frame
-SAME_RESIDUAL = 0.01  # relative difference below which residuals count as equal
 
 
 @dataclass(frozen=True)
