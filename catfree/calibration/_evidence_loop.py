@@ -115,14 +115,10 @@ class EvidenceLoop:
 
     def _grow(self, best: Calibration) -> Calibration:
         """Search every camera's position again until the rig stops growing."""
-        for _ in range(len(best.scene.rig.registered)):
-            reconsidered = reconsider(best, self.detections, self.settings.calibration)
-            if reconsidered is None:
-                break
-            grown = reconsidered.scene.rig.registered.sum() > best.scene.rig.registered.sum()
-            best = self.replace_outliers(self.refine(reconsidered))
-            if not grown:
-                break
+        rules, is_growing = self.settings.calibration, True
+        while is_growing and (found := reconsider(best, self.detections, rules)) is not None:
+            is_growing = bool(found.scene.rig.registered.sum() > best.scene.rig.registered.sum())
+            best = self.replace_outliers(self.refine(found))
         return best
 
     def refine(self, calibration: Calibration) -> Calibration:

@@ -18,7 +18,12 @@ from catfree.calibration.people.adjustment._people_bundle import (
     adjust_people_bundle,
     weak_prior,
 )
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig, scene_of
+from catfree.calibration.people.cameras._camera_model import (
+    LOG_FOCAL,
+    of_rig,
+    scene_of,
+    usual_focal,
+)
 from catfree.calibration.people.cameras._rig_deviation import shape_deviation
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
@@ -94,7 +99,7 @@ def refine_with_correspondences(
     parameters = of_rig(rig)
     k1 = radial_distortion(rig)
     start = np.nan_to_num(parameters)
-    middle = np.log(np.median(settings.focal_shares) * rig.image_size.max(1))
+    middle = np.log(usual_focal(rig.image_size, settings))
     boxes = BoxMeasurements(person, camera, box, sd)
     prior = weak_prior(camera, start, middle, settings)
 

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.adjustment._people_bundle import BundleResult
 from catfree.calibration.people.anchors._anchors import AnchorCheck
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, scene_of
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, scene_of, usual_focal
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_deviation
 from catfree.calibration.people.matching._workspace import Workspace, prepare
 from catfree.calibration.people.search._clock_offsets import find_offsets
@@ -161,8 +161,7 @@ def _register_bent(
     best: tuple[Workspace, AdjustedRig] | None = None
     refusals: list[CalibrationError] = []
     for k1 in (0.0, *settings.bent_lenses):
-        focal = np.median(settings.focal_shares) * size.max(1)
-        lenses = RadialLenses(focal, np.full(len(size), k1))
+        lenses = RadialLenses(usual_focal(size, settings), np.full(len(size), k1))
         work = prepare(detections, size, settings, camera_names, lenses)
         try:
             registered = register_cameras(work, report)

@@ -12,6 +12,7 @@ from catfree.calibration.people.adjustment._people_bundle import (
     adjust_people_bundle,
     weak_prior,
 )
+from catfree.calibration.people.cameras._camera_model import usual_focal
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import People, RigState, group_people
 from catfree.settings import CalibrationSettings
@@ -57,7 +58,7 @@ def alternate(
     Returns:
         The rig and its last adjustment; None if no person is seen by two cameras.
     """
-    middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
+    middle = np.log(usual_focal(grid.size, settings))
     bundle = None
     for tolerance in RANGE_ERRORS:
         limited = replace(state, range_tolerance=tolerance)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.settings import CalibrationSettings
 from catfree.types import Rig, Scene
 from catfree.types._annotations import HostOrDevice
 from catfree.types._scene import metric_scene
@@ -50,6 +51,13 @@ def to_matrices(
     K[:, :2, 2] = (size - 1) / 2
     K[:, 2, 2] = 1
     return K, R, -np.einsum("cij,cj->ci", R, parameters[:, X:])
+
+
+def usual_focal(
+    size: Int[np.ndarray, "cam 2"], settings: CalibrationSettings
+) -> Float[np.ndarray, " cam"]:
+    """(C,) middle of the focal lengths to try, in pixels, of images of sizes (C, 2)."""
+    return np.median(settings.focal_shares) * size.max(1)
 
 
 def scene_of(
