@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from catfree.calibration._adjusted_cameras import moved_rig, with_registered
 from catfree.calibration._bundle_adjustment import (
@@ -130,17 +130,17 @@ def refine(
             f"None of the {len(detections)} boxes is of a registered camera and as confident as "
             f"Settings.confidence ({settings.confidence:g}). Check that they belong to the scene."
         )
+    detections = detections[keep]
     if settings.method == "evidence":
-        return refine_by_evidence(detections[keep], scene, settings, rounds, report)
-    frames = evenly_spread(np.unique(detections.frame[keep]), MOST_FRAMES)
-    keep = keep & np.isin(detections.frame, frames)
-    return _refine_by_paper(detections, scene, keep, settings, rounds, report)
+        return refine_by_evidence(detections, scene, settings, rounds, report)
+    frames = evenly_spread(np.unique(detections.frame), MOST_FRAMES)
+    few = detections[np.isin(detections.frame, frames)]
+    return _refine_by_paper(few, scene, settings, rounds, report)
 
 
 def _refine_by_paper(
     detections: Detections,
     scene: Scene,
-    keep: Bool[np.ndarray, " n"],
     settings: Settings,
     rounds: int,
     report: Progress,
@@ -148,7 +148,7 @@ def _refine_by_paper(
     """Refine with the paper's procedure: all rounds, with the people of the paper's association."""
     frame = CanonicalFrame.of(scene)
     start = frame.rig(scene.rig)
-    observations = observe(detections, start, keep=keep)
+    observations = observe(detections, start, keep=np.ones(len(detections), bool))
     still = np.zeros((start.camera_count, 7))
     # As in localization, an unweighted pass comes first, so that all rounds are comparable.
     current = _associated(observations, start, still, 1.0, settings)

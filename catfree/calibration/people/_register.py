@@ -36,7 +36,7 @@ FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
 
 @dataclass(frozen=True)
 class Calibration:
-    """A rig registered from pedestrians alone.
+    """A rig from people, how exact it is, and the evidence for each camera.
 
     Attributes:
         scene: metric scene, z up, ground z = 0; cameras that cannot be trusted are not registered

@@ -63,7 +63,7 @@ def resect(
     settings: CalibrationSettings,
     *,
     log_focal: float,
-) -> list[Float[np.ndarray, "7"] | None]:
+) -> dict[int, Float[np.ndarray, "7"]]:
     """Refine placements of one camera against a fixed map of people, all together.
 
     Args:
@@ -74,7 +74,8 @@ def resect(
         log_focal: mean of the prior on log focal length; `focal_spread` is its deviation.
 
     Returns:
-        (7,) refined parameters of each placement, or None if it diverges or matches too few people.
+        (7,) refined parameters by the index of the placement, of those that neither diverge nor
+        match too few people.
     """
     refined = {at: start for at, (_, start) in enumerate(placements)}
     for tolerance in TOLERANCES:
@@ -96,7 +97,7 @@ def resect(
             for at, parameters in zip(matches, fitted, strict=True)
             if HEIGHTS[0] < parameters[Z] < HEIGHTS[1]
         }
-    return [refined.get(at) for at in range(len(placements))]
+    return refined
 
 
 def _match(

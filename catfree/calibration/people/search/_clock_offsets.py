@@ -114,8 +114,8 @@ def _offset_of_placed(
             [(work.grid.shifted(camera, -s), state.parameters[camera]) for s in untried],
             others,
         )
-        for shift, one in zip(untried, judged, strict=True):
-            evidence[shift] = -np.inf if one is None else one[1].evidence
+        evidence |= dict.fromkeys(untried, -np.inf)
+        evidence |= {untried[at]: verdict.evidence for at, (_, verdict) in judged.items()}
         top = max(evidence, key=lambda shift: (evidence[shift], -abs(shift)))
         if top == best:
             return evidence[best] - evidence[0], best
@@ -150,9 +150,9 @@ def offset_of_unplaced(
         group_people(work.grid, state, settings).ground,
     )
     best = (0.0, 0)
-    for (_, shift, _), one in zip(tried, judged, strict=True):
-        if one is not None and one[1].accepted and one[1].margin > best[0]:
-            best = one[1].margin, shift
+    for at, (_, verdict) in judged.items():
+        if verdict.accepted and verdict.margin > best[0]:
+            best = verdict.margin, tried[at][1]
     return best
 
 

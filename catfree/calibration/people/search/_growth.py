@@ -149,7 +149,7 @@ def accepted_candidates(
     starts = _candidates(work, state, camera, pairs)[:most]
     placements = [(work.scoring, start) for start in starts]
     judged = judge_refined(work, state, camera, placements, people)
-    accepted = [one for one in judged if one is not None and one[1].accepted]
+    accepted = [one for one in judged.values() if one[1].accepted]
     return sorted(accepted, key=lambda one: -one[1].margin)
 
 
@@ -183,7 +183,7 @@ def judge_refined(
     camera: int,
     placements: Sequence[tuple[BoxGrid, Float[np.ndarray, "7"]]],
     people: GroundMap,
-) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict] | None]:
+) -> dict[int, tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Refine placements of a camera against a fixed map of the others' people, and judge them.
 
     Args:
@@ -194,19 +194,16 @@ def judge_refined(
         people: map of the other cameras, same frames.
 
     Returns:
-        Parameters (7,) and verdict of each placement; None if it cannot be refined (`resect`).
+        Parameters (7,) and verdict by the index of the placement, of those that `resect` refines.
     """
     log_focal = _expected_focal(state, camera)
     refined = resect(camera, placements, people, work.settings, log_focal=log_focal)
-    judged = []
-    for (grid, _), parameters in zip(placements, refined, strict=True):
-        if parameters is None:
-            judged.append(None)
-            continue
+    judged = {}
+    for at, parameters in refined.items():
         # Not yet adjusted with the others.
         fitted = replace(state.with_camera(camera, parameters), range_tolerance=RANGE_ERRORS[1])
-        verdict = judge_camera(work, grid, fitted, camera, others=people)
-        judged.append((parameters, verdict))
+        verdict = judge_camera(work, placements[at][0], fitted, camera, others=people)
+        judged[at] = parameters, verdict
     return judged
 
 
