@@ -147,8 +147,7 @@ def _judge(
     """Find the confident people and the median angle between their foot rays and positions."""
     people = confident_people(detections, scene, settings.evidence)
     rays = cast_rays(observations, CanonicalFrame.of(scene).rig(scene.rig))
-    index = np.empty(len(detections), int)
-    index[observations.row] = np.arange(len(detections))
+    index = np.argsort(observations.row)
     member = np.where(people.member >= 0, index[people.member], -1)
     _, angle = triangulate_groups(
         rays, member, settings.triangulation, sigma_theta=settings.rays.sigma_theta

@@ -65,7 +65,6 @@ def alternate(
         data, ground = measure_people(grid, group_people(grid, limited, settings))
         if not len(ground):
             break
-        state = limited
         bundle = adjust_people_bundle(
             data,
             state.parameters,
@@ -76,5 +75,5 @@ def alternate(
             iterations=MOST_STEPS,
         )
         placed = np.isfinite(bundle.parameters)
-        state = replace(state, parameters=np.where(placed, bundle.parameters, state.parameters))
+        state = replace(limited, parameters=np.where(placed, bundle.parameters, state.parameters))
     return None if bundle is None else (state, bundle)

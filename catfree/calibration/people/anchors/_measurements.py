@@ -36,7 +36,7 @@ from catfree.types import GeoReference, Rig
 
 QUANTITIES = ("distance", "height", "focal length", "position", "rotation", "point", "people")
 DISTANCE, HEIGHT, FOCAL, POSITION, ROTATION, POINT, PEOPLE = range(7)
-STEEPEST = 1e-3  # a ray that falls less than this per unit of length hardly meets the ground
+LEAST_FALL = 1e-3  # of a ray per unit of length; flatter ones hardly meet the ground
 NEAREST = 1e-6  # meters
 
 
@@ -133,7 +133,7 @@ def ground_of_pixel(camera: Float[Array, "7"], pixel: Float[Array, "2"]) -> Floa
     """
     ray = rotation(camera).T @ jnp.append(pixel / jnp.exp(camera[LOG_FOCAL]), 1.0)
     fall = -ray[2] / jnp.sqrt(ray @ ray)
-    down = jnp.where(fall > STEEPEST, -ray[2], STEEPEST)
+    down = jnp.where(fall > LEAST_FALL, -ray[2], LEAST_FALL)
     return camera[X:Z] + camera[Z] * ray[:2] / down
 
 
