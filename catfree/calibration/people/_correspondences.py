@@ -124,8 +124,8 @@ def refine_with_correspondences(
     spread = learn_focal_spread(
         separate.parameters[known, LOG_FOCAL], errors[np.ix_(known, known)], settings
     )
-    known_rigs = {alike: bent if is_bent else ideal, np.inf: separate}
-    result = known_rigs.get(spread) or solved(spread=spread, bent=is_bent)
+    solutions = {alike: bent if is_bent else ideal, np.inf: separate}
+    result = solutions.get(spread) or solved(spread=spread, bent=is_bent)
     adjusted = np.isfinite(result.parameters[:, LOG_FOCAL])
     parameters = np.where(adjusted[:, None], result.parameters, parameters)
     scene = scene_of(parameters, rig.image_size, np.where(adjusted, result.k1, k1))

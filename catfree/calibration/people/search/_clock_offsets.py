@@ -137,16 +137,15 @@ def offset_of_unplaced(
     people = group_people(work.voting, state, settings).ground
     candidates = []
     for shift in _shifts(work, maximum):
-        grid = work.grid.shifted(camera, -shift)
-        sample = grid.thinned(settings.voting_frames)
+        sample = work.grid.shifted(camera, -shift).thinned(settings.voting_frames)
         places = voted_places(work, state, camera, sample, people, 1)
-        candidates += [(score, shift, (grid, start)) for score, start in places]
+        candidates += [(score, shift, start) for score, start in places]
     tried = sorted(candidates, key=lambda item: -item[0])[:TRIED_OFFSETS]
     judged = judge_refined(
         work,
         state,
         camera,
-        [placement for *_, placement in tried],
+        [(work.grid.shifted(camera, -shift), start) for _, shift, start in tried],
         group_people(work.grid, state, settings).ground,
     )
     best = (0.0, 0)

@@ -83,8 +83,8 @@ def fit_rig(work: Workspace, state: RigState) -> AdjustedRig | None:
         state: the rig before adjustment.
 
     Returns:
-        The rig of the remaining cameras; at least two remain. None if no two of
-        them see the same people.
+        The rig of the remaining cameras; at least two remain. None if no two of them see the same
+        people.
     """
     while True:
         adjusted = alternate(work.grid, state, work.settings)
