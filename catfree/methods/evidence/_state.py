@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.methods.evidence._gaussian import mean_and_covariance
-from catfree.methods.evidence.group._appearance import PairRatios, looks_of, no_looks
+from catfree.methods.evidence.group._appearance import GroupLooks, PairRatios, no_looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
@@ -85,7 +85,7 @@ class EvidenceState(eqx.Module):
         density, spread = float(self.noise.density), float(self.noise.spread)
         looks, likeness = no_looks(len(self.groups), dim), None
         if self.ratios is not None and settings.link_by_looks:
-            looks = looks_of(self.ratios.embedding, self.groups.member)
+            looks = GroupLooks(self.ratios.embedding, self.groups.member)
             likeness = self.ratios.likeness
         time, motion = self.boxes.time, self.motion
         return Population(time, motion, density, spread, settings, looks, likeness)

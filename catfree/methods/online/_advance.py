@@ -92,9 +92,10 @@ def advance(
     log_odds = existence.log_odds
 
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
-    population = now.population(settings, state.heads.looks.total.shape[1])
-    links = heads, groups.info[rows], rows, int(state.tracks), population
-    node, followed, tracks = link(*links)
+    population = now.population(settings, state.heads.looks.dim)
+    looks = population.looks.at(slice(None))
+    population = population._replace(looks=looks)
+    node, followed, tracks = link(heads, groups.info[rows], rows, int(state.tracks), population)
 
     def of_tracks(values: Any, absent: int = 0) -> np.ndarray:
         """Values of the group of each track; in a gap, whose group is -1, a row of `absent`."""
@@ -109,9 +110,7 @@ def advance(
     current = PendingInstant(
         time=np.array(time),
         node=node._replace(group=np.where(node.group >= 0, np.arange(len(node.group)), -1)),
-        seen=jax.tree.map(
-            of_tracks, SeenPositions(groups.info.matrix, groups.info.vector, population.looks)
-        ),
+        seen=jax.tree.map(of_tracks, SeenPositions(groups.info.matrix, groups.info.vector, looks)),
         evidence=evidence,
         forward=forward,
         weight=weight,

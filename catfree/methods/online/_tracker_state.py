@@ -309,7 +309,7 @@ def rescaled(state: TrackerState, length: float, pace: float) -> TrackerState:
 
 def with_looks(state: TrackerState, dim: int) -> TrackerState:
     """Room for embeddings of `dim` numbers, where there was none."""
-    if state.heads.looks.total.shape[1] == dim:
+    if state.heads.looks.dim == dim:
         return state
 
     def with_room(known: L) -> L:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Real
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
-from catfree.methods.evidence.observe._embeddings import Embeddings
+from catfree.methods.evidence.observe._embeddings import BLOCK, Embeddings
 from catfree.settings import EvidenceSettings
 
 SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
@@ -132,9 +132,45 @@ class Looks(NamedTuple):
     total: Float[np.ndarray, "n dim"]
     boxes: Int[np.ndarray, " n"]
 
+    @property
+    def dim(self) -> int:
+        """Numbers per embedding."""
+        return self.total.shape[1]
+
     def at(self, rows) -> "Looks":
         """Some of the sets."""
         return Looks(self.total[rows], self.boxes[rows])
+
+
+class GroupLooks(NamedTuple):
+    """Looks of groups, added up where they are needed: those of all groups would fill memory.
+
+    Attributes:
+        embedding: of the boxes.
+        member: (H, C) boxes of each group, -1 for none.
+    """
+
+    embedding: Embeddings
+    member: Int[np.ndarray, "group cam"]
+
+    @property
+    def dim(self) -> int:
+        """Numbers per embedding."""
+        return self.embedding.dim
+
+    def at(self, rows) -> Looks:
+        """Those of some groups."""
+        member = self.member[rows]
+        is_usable = (member >= 0) & self.embedding.exists(member)
+        total = np.zeros((len(member), self.dim), np.float32)
+        for begin in range(0, len(member), BLOCK):
+            some = slice(begin, begin + BLOCK)
+            row, camera = np.nonzero(is_usable[some])
+            first = np.flatnonzero(np.diff(row, prepend=-1))
+            if len(row):
+                looks = self.embedding[member[some][row, camera]]
+                total[some][row[first]] = np.add.reduceat(looks, first, axis=0)
+        return Looks(total, is_usable.sum(1))
 
 
 def compare_looks(
@@ -161,16 +197,6 @@ def compare_looks(
 def no_looks(sets: int, dim: int = 0) -> Looks:
     """Looks of so many sets without an embedding, which would have `dim` numbers."""
     return Looks(np.zeros((sets, dim)), np.zeros(sets, np.int64))
-
-
-def looks_of(embedding: Embeddings, member: Int[np.ndarray, "group cam"]) -> Looks:
-    """Sum the embeddings of the boxes (H, C) of each group, -1 for none."""
-    is_usable = (member >= 0) & embedding.exists(member)
-    total = np.zeros((len(member), embedding.dim), np.float32)
-    for camera in range(member.shape[1]):
-        rows = np.flatnonzero(is_usable[:, camera])
-        total[rows] += embedding[member[rows, camera]]
-    return Looks(total, is_usable.sum(1))
 
 
 def _robust(values: np.ndarray) -> tuple[float, float]:

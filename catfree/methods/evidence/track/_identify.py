@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
-from catfree.methods.evidence.group._appearance import Looks, compare_looks
+from catfree.methods.evidence.group._appearance import GroupLooks, Looks, compare_looks
 from catfree.methods.evidence.track._pasts import (
     Pasts,
     SeenPositions,
@@ -112,7 +112,7 @@ def seen_positions(
     rows: Int[np.ndarray, " n"],
     error: Float[np.ndarray, "node 2 2"],
     info: Information,
-    looks: Looks,
+    looks: Looks | GroupLooks,
 ) -> SeenPositions:
     """The boxes of each row, or the smoothed state in a gap, widened by the error."""
     group = trails.group[rows]
@@ -310,7 +310,7 @@ def sweep(
     kinds = {dt: transition(population.motion, dt) for dt in set(np.diff(population.time).tolist())}
     steps = [kinds[dt] for dt in np.diff(population.time).tolist()]
     futures = futures_of(at, seen, chain, steps)
-    pasts = no_pasts(seen.looks.total.shape[1])
+    pasts = no_pasts(seen.looks.dim)
     chains = int(chain.max()) + 1
     ahead = ChainBoxes.of(seen, chain, chains)
     names, count = np.zeros(len(chain), int), 0

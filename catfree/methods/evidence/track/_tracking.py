@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from catfree.methods.evidence._gaussian import Information, log_evidence, mean_and_covariance
-from catfree.methods.evidence.group._appearance import Likeness, Looks, compare_looks
+from catfree.methods.evidence.group._appearance import GroupLooks, Likeness, Looks, compare_looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._pasts import (
     Pasts,
@@ -232,7 +232,7 @@ class Population(NamedTuple):
     density: float
     spread: float
     settings: EvidenceSettings
-    looks: Looks
+    looks: Looks | GroupLooks
     likeness: Likeness | None = None
 
 
@@ -250,7 +250,7 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
     time = population.time
     likely = np.flatnonzero(log_odds > -population.settings.evidence_limit / 2)
     bounds = np.searchsorted(groups.frame[likely], np.arange(len(time) + 1))
-    heads = no_pasts(population.looks.total.shape[1])
+    heads = no_pasts(population.looks.dim)
     history, count = [], 0
     for t in range(len(time)):
         rows = likely[bounds[t] : bounds[t + 1]]

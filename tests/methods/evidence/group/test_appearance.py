@@ -10,12 +10,12 @@ from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence._solve import solve
 from catfree.methods.evidence.group import _appearance as appearance
 from catfree.methods.evidence.group._appearance import (
+    GroupLooks,
     Likeness,
     Looks,
     PairRatios,
     appearance_log_odds,
     compare_looks,
-    looks_of,
     no_looks,
 )
 from catfree.methods.evidence.group._groups import Groups
@@ -40,7 +40,7 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
     blank = rng.random(n) < 0.2
     embedding[blank] = 0
     member = np.where(rng.random((groups, cameras)) < 0.7, np.arange(n).reshape(groups, -1), -1)
-    looks = looks_of(embeddings_of(embedding, np.arange(n)), member)
+    looks = GroupLooks(embeddings_of(embedding, np.arange(n)), member).at(slice(None))
     found = compare_looks(looks, looks, looks.boxes, LIKENESS)
     for a in range(groups):
         for b in range(groups):
