@@ -16,6 +16,7 @@ from catfree._run._result_folder import (
     write_boxes,
 )
 from catfree._run._run import Unfinished
+from catfree.adapters.datasets._detection_files import RESULT_OFFSETS, RESULT_SILENT
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import CatFreeError, shortened
 from catfree.geometry._person import cut_by_border
@@ -40,8 +41,8 @@ def write_failure(
     """Write the partial results of a failed run.
 
     Args:
-        folder: created if it does not exist; pictures of an earlier run are removed, its tracks and
-            cameras stay, and the report lists them.
+        folder: created if it does not exist; pictures of an earlier run, and what it says about
+            its boxes, are removed, its tracks and cameras stay, and the report lists them.
         error: why it failed.
         unfinished: the partial results; nothing is written of boxes, nor before detection has
             finished.
@@ -70,7 +71,8 @@ def write_failure(
         write_sheet(sheet, _fullest_instant(videos, detections, blur))
         files.append(sheet)
         shown.append(Picture("pictures/boxes.jpg", "the instant with the most boxes"))
-    remove_unless_written(earlier_views(root), files)
+    of_boxes = [root / name for name in (RESULT_SILENT, RESULT_OFFSETS)]
+    remove_unless_written([*earlier_views(root), *of_boxes], files)
     leftover = [
         path.relative_to(root).as_posix() for path in earlier_results(root) if path not in files
     ]

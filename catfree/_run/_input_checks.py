@@ -462,7 +462,9 @@ def without_offsets(
         return corrected, moved[np.isin(moved.frame, corrected.frames)]
     silent = recording.silent.copy()
     silent[:, 0] -= frame_offset[silent[:, 1]]
-    return replace(recording, silent=silent), moved
+    before = recording.offsets or (0,) * len(frame_offset)
+    offsets = tuple(b + by for b, by in zip(before, frame_offset.tolist(), strict=True))
+    return replace(recording, silent=silent, offsets=offsets), moved
 
 
 def _started(offset: int, videos: Recording) -> str:

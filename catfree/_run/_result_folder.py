@@ -19,9 +19,11 @@ from catfree.adapters.calibration_files._rig_json import read_scene_json, write_
 from catfree.adapters.calibration_files.colmap._colmap import write_colmap_text
 from catfree.adapters.datasets._detection_files import (
     RESULT_BOXES,
+    RESULT_OFFSETS,
     RESULT_SCENE,
     RESULT_SILENT,
     write_missing_pictures,
+    write_offsets,
 )
 from catfree.adapters.files._camera_names import distinct_names, file_names
 from catfree.adapters.tables._motchallenge import write_mot_boxes, write_mot_ground
@@ -63,7 +65,7 @@ RIG_FILES = (
     *(f"rig/colmap/{part}.txt" for part in ("cameras", "images", "points3D")),
 )
 # Not every run writes these.
-SOMETIMES = ("tracks.parquet", "tracks.geojson", RESULT_SILENT, *RIG_FILES)
+SOMETIMES = ("tracks.parquet", "tracks.geojson", RESULT_SILENT, RESULT_OFFSETS, *RIG_FILES)
 
 
 def write_results(
@@ -101,7 +103,8 @@ def write_results(
         The files: `tracks.csv`, `tracks.parquet` where pyarrow is installed and there are at most
         64 cameras, `tracks_mot.txt` for TrackEval, `boxes/CAMERA.txt` in MOTChallenge form with
         identities, `detections.npz`, `localization.npz`, the scene as `scene.json`,
-        `rig/colmap` and `rig/calibration.toml`, `pictures/`, `report.md` and `report.html`.
+        `rig/colmap` and `rig/calibration.toml`, `pictures/`, `report.md` and `report.html`; also
+        `missing_pictures.csv` if pictures are missing, and `offsets.csv` if videos began apart.
         `tracks_mot.txt` and `boxes/` number frames from 1 in steps of 1, empty ones included: the
         first of videos is 1, and frames of boxes that count from 1 keep their numbers.
 
@@ -408,6 +411,9 @@ def _write_tables(
     if len(outcome.silent):
         silent = root / RESULT_SILENT
         files.append(write_missing_pictures(silent, outcome.silent, outcome.camera_names))
+    if any(outcome.offsets):
+        began = root / RESULT_OFFSETS
+        files.append(write_offsets(began, outcome.offsets, outcome.camera_names))
     outcome.localization.require_detections(outcome.detections)
     files += write_boxes(
         root,

@@ -76,6 +76,7 @@ class RunOutcome:
         videos: the footage before any damage, on corrected clocks if offsets were searched; None if
             the outcome does not come from videos.
         silent: (K, 2) frame and camera of pictures that do not exist.
+        offsets: (C,) the frame of each camera's video that shows frame 0; () if all are 0.
     """
 
     localization: Localization
@@ -86,6 +87,7 @@ class RunOutcome:
     frames: np.ndarray
     videos: SynchronizedVideos | None = None
     silent: Int[np.ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    offsets: tuple[int, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -335,8 +337,9 @@ def run_stages(
     else:
         frames, footage = np.union1d(detections.frame, localization.tracks.frame), None
     return RunOutcome(
-        localization, detections, scene, calibration, names, frames, footage, recording.silent
-    )
+        localization, detections, scene, calibration, names, frames, footage, recording.silent,
+        recording.offsets,
+    )  # fmt: skip
 
 
 def _opened(videos: Videos) -> SynchronizedVideos:

@@ -34,6 +34,8 @@ def check(
     since: int | None = None,
     image_size: tuple[int, int] | None = None,
     frame_rate: float | None = None,
+    silent: Path | None = None,
+    offsets: tuple[int, ...] | None = None,
     max_offset: int = 20,
     cache: Path | None = None,
     blur: bool = False,
@@ -41,8 +43,8 @@ def check(
     """Check whether cameras moved, are late or dead, from the boxes of people.
 
     Args:
-        boxes: MOTChallenge or COCO files, one per camera; a folder of these; or one CSV,
-            Parquet, uniform JSON or .npz file with the boxes of all cameras.
+        boxes: MOTChallenge or COCO files, one per camera; a folder of these; one CSV, Parquet,
+            uniform JSON or .npz file with the boxes of all cameras; or the results of a run.
         scene: the cameras and ground to check, as for `localize`.
         out: folder for a page with the verdicts; none is written if not given.
         videos: video files or image folders, one per camera of the scene, in its order: the
@@ -51,7 +53,11 @@ def check(
         unit: length of one unit of a scene whose file does not state it.
         since: frame number before which the cameras are known to fit.
         image_size: width and height of the images in pixels, where boxes do not state them.
-        frame_rate: frames per second.
+        frame_rate: frames per second of the boxes.
+        silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
+            not exist; that of the results of a run if not given.
+        offsets: the frame of each of the videos that shows frame 0 of the boxes; those of the
+            results of a run if not given.
         max_offset: largest clock offset to look for, in frames.
         cache: folder for finished stages.
         blur: make people unrecognizable in the pictures. Boxes must number frames as the videos
@@ -68,8 +74,10 @@ def check(
             "--videos and --blur are for the page, which is written only with --out. Give it, "
             "or leave them out."
         )
+    if offsets is not None and not videos:
+        raise InvalidInputError("--offsets are those of --videos. Give both, or none.")
     known_scene, names = open_scene(scene, unit, image_size)
-    camera_boxes = open_boxes(boxes, frame_rate, image_size, camera_names=names)
+    camera_boxes = open_boxes(boxes, frame_rate, image_size, silent, names)
     require_since(since, camera_boxes.detections)  # told before the long work
     footage = None
     if videos:
@@ -79,9 +87,19 @@ def check(
                 f"There are {len(videos)} videos for {count} cameras. Give one per camera, in the "
                 "order of the scene."
             )
+        if offsets is not None and len(offsets) != count:
+            raise InvalidInputError(
+                f"There are {len(offsets)} --offsets for {count} videos. Give one per video."
+            )
         # The scene is put in the order of the boxes, without cameras that have no boxes.
         place = positions_of(camera_boxes.camera_names, names) if names else None
-        footage = open_videos(tuple(videos[camera] for camera in place) if place else videos)
+        place = range(count) if place is None else place
+        clock = camera_boxes.detections.clock
+        footage = open_videos(
+            tuple(videos[camera] for camera in place),
+            offsets=[offsets[c] for c in place] if offsets else camera_boxes.offsets or None,
+            frame_rate=None if clock is None else clock.frame_rate,
+        )
     folder = contextlib.nullcontext() if out is None else folder_of_results(out)
     with folder, progress_bars() as progress:
         outcome = run_stages(

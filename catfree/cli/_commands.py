@@ -276,7 +276,7 @@ def localize(
             state them.
         frame_rate: frames per second, for times and velocities in the results.
         silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist; nothing is concluded from them.
+            not exist, from which nothing is concluded; that of the results of a run if not given.
         cache: folder for finished stages; `cache` in the results folder if not given.
         max_offset: largest clock offset of a single camera, in frames, to search and correct
             when the cameras are found from people.
@@ -368,6 +368,7 @@ def calibrate(
     max_offset: int = 0,
     anchors: Path | None = None,
     image_size: tuple[int, int] | None = None,
+    silent: Path | None = None,
     pictures: bool = True,
     blur: bool = False,
 ) -> None:
@@ -385,12 +386,19 @@ def calibrate(
         max_offset: largest clock offset of a single camera, in frames, to search and correct.
         anchors: JSON file of known lengths, cameras and points.
         image_size: width and height of the images in pixels, where boxes do not state them.
+        silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
+            not exist, for boxes; that of the results of a run if not given.
         pictures: if no cameras are found, write a picture of the boxes.
         blur: make people unrecognizable in it.
     """
     known_anchors, of_boxes = open_anchors(anchors), are_boxes(videos)
     if not of_boxes:
         require_files(videos, detector=detector)
+        if silent is not None or image_size is not None:
+            raise InvalidInputError(
+                f"{videos[0]} is read as a video, which states what --image-size and --silent do. "
+                "Leave them out."
+            )
     elif detector is not None or stride != 1 or offsets is not None or keep_before_damage:
         raise InvalidInputError(
             f"{videos[0]} is read as boxes, so that --detector, --stride, --offsets and "
@@ -418,7 +426,7 @@ def calibrate(
     finder: Any
     if of_boxes:
         require_other_folder(out, videos)
-        source, finder = open_boxes(videos, image_size=image_size), None
+        source, finder = open_boxes(videos, None, image_size, silent), None
         print_table(_box_table(source), aside=True)
     else:
         on_error = "keep" if keep_before_damage else "raise"

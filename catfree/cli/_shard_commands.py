@@ -53,7 +53,8 @@ def plan(
         frame_rate: frames per second; that of the videos or of the saved boxes if not given.
         offsets: the frame of each camera that shows the first common instant.
         silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist, for boxes; of videos it is known.
+            not exist, for boxes; that of the results of a run if not given, and of videos it is
+            known.
         detector: ONNX file of a person detector, or a name of `catfree weights list`; without
             it people are found by background subtraction.
         embedder: ONNX file of a re-identification network, or a name of that list.
@@ -62,6 +63,7 @@ def plan(
     from catfree._run.sharded._plan_file import PlanFile, write_plan
     from catfree._run.sharded._receipt import PLAN
     from catfree._run.sharded._shard import shards
+    from catfree.adapters.datasets._detection_files import RESULT_SILENT, beside_results
     from catfree.types._writing import make_folder
 
     networks = {"detector": detector, "embedder": embedder}
@@ -74,6 +76,8 @@ def plan(
         )
     known, names, warnings = _scene_for(scene, recording if boxes is None else (), unit)
     warn(warnings)  # before shards fail
+    if silent is None and boxes is not None:
+        silent = beside_results(boxes, RESULT_SILENT)
     parts = shards(
         recording if boxes is None else boxes,
         every,

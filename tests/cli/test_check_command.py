@@ -11,7 +11,7 @@ from catfree.adapters import write_scene_json
 from catfree.calibration import CameraCheck, Check, Verdict
 from catfree.cli._check_command import NAMED
 from catfree.synthetic import make_layout, make_world
-from catfree.types import Detections
+from catfree.types import Clock, Detections
 from tests.calibration.watching.bumped import on_clock, turn_camera
 
 pytest.importorskip("tyro")
@@ -125,6 +125,8 @@ def test_a_camera_that_fits_refers_to_the_warning_that_names_it(tmp_path, monkey
         (["--since", "99"], "since is frame 99, but the boxes are of frames"),
         (["--videos", "a.mp4", "b.mp4"], "--videos and --blur are for the page"),
         (["--blur"], "--videos and --blur are for the page"),
+        (["--offsets", "1", "2"], "--offsets are those of --videos"),
+        (["--silent", "none.csv"], "none.csv"),
     ],
 )
 def test_words_that_do_not_fit_are_told_before_the_long_work(
@@ -139,38 +141,85 @@ def test_words_that_do_not_fit_are_told_before_the_long_work(
     assert sentence in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("seen", ["abcd", "dbca", "db"])
-def test_each_video_is_that_of_the_camera_with_its_boxes(seen, tmp_path, monkeypatch, capsys):
-    """Boxes put the scene in their order, and leave out cameras that have none."""
-    write_scene_json(tmp_path / "scene.json", make_layout("ring4", 0).scene, list("abcd"))
-    files, folders = [tmp_path / f"{name}.txt" for name in seen], []
-    for file in files:
-        file.write_text("1,-1,10,10,20,60,1,-1,-1,-1\n")
-    for name in "abcd":
-        folders.append(tmp_path / "videos" / name)
-        folders[-1].mkdir(parents=True)
-        cv2.imwrite(str(folders[-1] / "0.png"), np.zeros((8, 8, 3), np.uint8))
-
-    cameras, pages = tuple(_judged(at, Verdict.FITS, "") for at in range(len(seen))), []
+@pytest.fixture
+def pages(monkeypatch):
+    """The footage of each page that is written, and the boxes, where nothing is computed."""
+    pages = []
     monkeypatch.setattr(
         "catfree._run._run.run_stages",
         lambda boxes, *args, **options: SimpleNamespace(
             scene=None, detections=None, localization=None, camera_names=boxes.camera_names,
-            warnings=(),
+            warnings=(), silent=boxes.silent,
         ),
     )  # fmt: skip
-    result = Check(cameras, 0, 1, 1.0, True)
-    monkeypatch.setattr("catfree.check", lambda *args, **options: result)
+
+    def judge(*args, camera_names, **options):
+        cameras = (_judged(at, Verdict.FITS, "") for at in range(len(camera_names)))
+        return Check(tuple(cameras), 0, 1, 1.0, True)
+
+    monkeypatch.setattr("catfree.check", judge)
     monkeypatch.setattr(
         "catfree.cli._check_command.write_check_page",
-        lambda out, result, outcome, footage, **options: pages.append(footage.camera_names),
+        lambda out, result, outcome, footage, **options: pages.append((footage, outcome)),
     )
+    return pages
+
+
+def write_still_pictures(folder, names, frames):
+    """A folder of gray images per camera; the gray of each is its number."""
+    folders = []
+    for name in names:
+        folders.append(folder / name)
+        folders[-1].mkdir(parents=True)
+        for frame in range(frames):
+            picture = np.full((8, 8, 3), frame, np.uint8)
+            cv2.imwrite(str(folders[-1] / f"{frame:02d}.png"), picture)
+    return folders
+
+
+@pytest.mark.parametrize("seen", ["abcd", "dbca", "db"])
+def test_each_video_is_that_of_the_camera_with_its_boxes(seen, tmp_path, pages, capsys):
+    """Boxes put the scene in their order, and leave out cameras that have none."""
+    write_scene_json(tmp_path / "scene.json", make_layout("ring4", 0).scene, list("abcd"))
+    files = [tmp_path / f"{name}.txt" for name in seen]
+    for file in files:
+        file.write_text("1,-1,10,10,20,60,1,-1,-1,-1\n")
+    folders = write_still_pictures(tmp_path / "videos", "abcd", 20)
     words = ["check", *map(str, files), "--scene", str(tmp_path / "scene.json")]
     words += ["--out", str(tmp_path / "page"), "--videos", *map(str, folders)]
     assert cli.main(words) == 0
-    assert [list(names) for names in pages] == [list(seen)]
+    assert [list(footage.camera_names) for footage, _ in pages] == [list(seen)]
+    assert cli.main([*words, "--offsets", "0", "3", "5", "9"]) == 0
+    assert pages[1][0].offsets == tuple((0, 3, 5, 9)["abcd".index(name)] for name in seen)
+    assert cli.main([*words, "--offsets", "0", "3"]) == 1
+    assert "There are 2 --offsets for 4 videos" in capsys.readouterr().err
     assert cli.main(words[:-1]) == 1
     assert "There are 3 videos for 4 cameras" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("order", ["abcd", "dbca"])
+def test_results_say_which_pictures_belong_to_their_boxes(order, tmp_path, pages):
+    """Videos of a run that began apart show what its boxes show, and lack what they lack."""
+    layout = make_layout("ring4", 0)
+    results, scene = tmp_path / "results", tmp_path / "scene.json"
+    results.mkdir()
+    write_scene_json(results / "scene.json", layout.scene, list(order))
+    write_scene_json(scene, layout.scene, list("abcd"))
+    Detections([7], [0], [[1.0, 1, 5, 8]], clock=Clock(5.0)).save(results / "detections.npz")
+    (results / "offsets.csv").write_text("camera,offset\nb,3\nd,-2\n")
+    (results / "missing_pictures.csv").write_text("frame,camera\n9,b\n")
+    folders = write_still_pictures(tmp_path / "videos", "abcd", 20)
+    words = ["check", str(results), "--scene", str(scene), "--out", str(tmp_path / "page")]
+    assert cli.main([*words, "--videos", *map(str, folders)]) == 0
+    footage, outcome = pages[0]
+    began = dict(zip("abcd", (0, 3, 0, -2), strict=True))
+    assert footage.offsets == tuple(began[name] for name in order)
+    assert footage.clock.frame_rate == 5
+    frame, images = next(footage.instants_from(int(np.flatnonzero(footage.frames == 7)[0])))
+    assert (frame, *(int(image.max()) for image in images)) == (
+        7, *(7 + began[name] for name in order),
+    )  # fmt: skip
+    assert outcome.silent.tolist() == [[9, order.index("b")]]
 
 
 def test_a_missing_scene_is_one_sentence(tmp_path, capsys):

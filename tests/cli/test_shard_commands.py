@@ -165,6 +165,13 @@ def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):
     assert cli.main(["plan", *words, *CUT, "--out", str(tmp_path)]) == 0
     document = json.loads((tmp_path / "_shards" / "plan.json").read_text())
     assert [row["silent"] for row in document["shards"]] == [[[1, 7, 9]], [[0, 50, 51]]]
+    # The results of a run say so themselves.
+    cf.adapters.read_detections_parquet("boxes.parquet").save(tmp_path / "detections.npz")
+    (tmp_path / "missing_pictures.csv").write_text("frame,camera\n7,b\n8,b\n50,a\n")
+    words = [str(tmp_path / "detections.npz"), "--scene", "scene.json"]
+    assert cli.main(["plan", *words, *CUT, "--out", str(tmp_path / "again")]) == 0
+    document = json.loads((tmp_path / "again" / "_shards" / "plan.json").read_text())
+    assert [row["silent"] for row in document["shards"]] == [[[1, 7, 9]], [[0, 50, 51]]]
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,12 @@ def test_files_of_an_earlier_run_stay_and_are_named(tmp_path):
     assert {path: path.read_bytes() for path in before if path not in written} == {
         path: content for path, content in before.items() if path not in written
     }
+    # What was said about other boxes is not true of these.
+    said = [out / "missing_pictures.csv", out / "offsets.csv"]
+    for path in said:
+        path.write_text("frame,camera,offset\n")
+    write_failure(out, CalibrationError("No."), Unfinished(videos, boxes))
+    assert not any(path.exists() for path in said)
     page = (out / "report.md").read_text()
     listed = "in this folder: tracks.csv, localization.npz, scene.json, boxes/cam2.txt."
     assert listed in page

@@ -17,6 +17,7 @@ from catfree._run import (
     _stages as stages_module,
 )
 from catfree._run._cache import StageCache, content_hash
+from catfree._run._result_folder import write_results
 from catfree._run._run import run, run_stages
 from catfree._run.detection._cached_detection import PIECE, detect_with_cache
 from catfree._run.detection._camera_detectors import CameraDetectors
@@ -26,7 +27,7 @@ from catfree.adapters import (
     FrameDetections,
     SynchronizedVideos,
 )
-from catfree.adapters.datasets._detection_files import CameraBoxes
+from catfree.adapters.datasets._detection_files import CameraBoxes, read_camera_boxes
 from catfree.calibration import KnownCamera, remove_offsets
 from catfree.errors import (
     CalibrationError,
@@ -499,7 +500,7 @@ def test_a_calibration_killed_in_its_second_half_keeps_the_first(pictures, tmp_p
 
 
 @pytest.mark.slow
-def test_clock_offsets_are_removed_and_stated(pictures, monkeypatch):
+def test_clock_offsets_are_removed_and_stated(pictures, tmp_path, monkeypatch):
     world = small_world()
     asked = []
 
@@ -529,6 +530,15 @@ def test_clock_offsets_are_removed_and_stated(pictures, monkeypatch):
     # The pictures of the outcome are those that its boxes were found in.
     frame, images = next(outcome.videos.instants_from(10))
     assert [frame, *(image[0, 0, 0] for image in images)] == [10, 10, 0, 10]
+    # The results say so to whoever opens boxes and videos again.
+    write_results(tmp_path, outcome, settings, pictures=False)
+    boxes = read_camera_boxes(tmp_path)
+    assert boxes.offsets == outcome.videos.offsets == (0, -10, 0)
+    np.testing.assert_array_equal(boxes.silent, outcome.silent)
+    localized = run_stages(boxes, scene=tmp_path / "scene.json", settings=settings)
+    assert localized.offsets == boxes.offsets
+    again = run_stages(boxes, settings=settings, maximum_offset=12)
+    assert again.offsets == (0, -20, 0)
 
 
 @pytest.mark.slow

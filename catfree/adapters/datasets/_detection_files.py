@@ -38,9 +38,9 @@ from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
 from catfree.types._validation import as_integer, as_path, as_paths, shown_camera
 
-# In a folder of results; the last one if pictures are missing.
+# In a folder of results; the last two if pictures are missing, or videos began apart.
 RESULT_BOXES, RESULT_SCENE = "detections.npz", "scene.json"
-RESULT_SILENT = "missing_pictures.csv"
+RESULT_SILENT, RESULT_OFFSETS = "missing_pictures.csv", "offsets.csv"
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
 
 # The first of these that a table has is its column.
@@ -66,12 +66,14 @@ class CameraBoxes:
         camera_names: (C,) names; `detections.camera` indexes them.
         image_size: (C, 2) width and height in pixels, or None if the files do not state them.
         silent: (K, 2) frame and camera of pictures that do not exist.
+        offsets: (C,) the frame of each camera's video that shows frame 0; () if all are 0.
     """
 
     detections: Detections
     camera_names: tuple[str, ...]
     image_size: Int[np.ndarray, "cam 2"] | None = None
     silent: Int[np.ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    offsets: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,15 +163,22 @@ def read_camera_boxes(
     known = tuple(camera_names or ())
     parts = _read_all(files, known)
     boxes = _joined(parts, files, known)
-    if [path.name for path in files] == [RESULT_BOXES]:
-        missing = files[0].with_name(RESULT_SILENT)
-        if missing.is_file():
+    if len(files) == 1:
+        if missing := beside_results(files[0], RESULT_SILENT):
             boxes = replace(boxes, silent=read_missing_pictures(missing, boxes.camera_names))
+        if began := beside_results(files[0], RESULT_OFFSETS):
+            boxes = replace(boxes, offsets=_read_offsets(began, boxes.camera_names))
     if frame_rate is None:
         return boxes
     stated = boxes.detections.clock
     clock = Clock(frame_rate) if stated is None else replace(stated, frame_rate=frame_rate)
     return replace(boxes, detections=replace(boxes.detections, clock=clock))
+
+
+def beside_results(boxes: Path, name: str) -> Path | None:
+    """Return the file of this name beside the boxes of a folder of results, if there is one."""
+    path = boxes.with_name(name)
+    return path if boxes.name == RESULT_BOXES and path.is_file() else None
 
 
 def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"]:
@@ -234,6 +243,33 @@ def write_missing_pictures(
     """
     rows = ([frame, camera_names[camera]] for frame, camera in silent.tolist())
     return write_csv(path, ("frame", "camera"), rows)
+
+
+def _read_offsets(path: Path, camera_names: Sequence[str]) -> tuple[int, ...]:
+    """Read the offset of each camera from the table of `write_offsets`."""
+    table = read_csv(path, "offsets")
+    columns = table.columns()
+    if not {"camera", "offset"} <= columns.keys():
+        raise FileFormatError(f"{path} is no table with the columns camera and offset.")
+    with naming_line(path, table.lines):
+        numbers = as_integer(_numbers(columns["offset"], "offset"), "offset")
+    offsets = dict(zip(columns["camera"], numbers.tolist(), strict=True))
+    return tuple(offsets.get(name, 0) for name in camera_names)
+
+
+def write_offsets(path: StrPath, offsets: Sequence[int], camera_names: Sequence[str]) -> Path:
+    """Write the cameras whose videos show frame 0 in another frame than their first.
+
+    Args:
+        path: a CSV file.
+        offsets: (C,) the frame of each camera's video that shows frame 0.
+        camera_names: (C,) names of the cameras.
+
+    Returns:
+        The path.
+    """
+    named = zip(camera_names, offsets, strict=False)  # cameras without boxes come last
+    return write_csv(path, ("camera", "offset"), ([n, offset] for n, offset in named if offset))
 
 
 def holds_boxes(path: StrPath) -> bool:
