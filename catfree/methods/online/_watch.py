@@ -1,5 +1,6 @@
 """Boxes as lines of JSON in, positions as records out, while the cameras record."""
 
+import json
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -8,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree.errors import CatFreeError, InvalidInputError, quoted
+from catfree.errors import CatFreeError, InvalidInputError, quoted, shortened
 from catfree.methods.online._instant_assembler import (
     LEAP,
     DroppedFrame,
@@ -233,7 +234,12 @@ def _camera(value: Any, names: Sequence[str]) -> int:
     counted = not any(name.isdecimal() for name in names)
     if counted and type(value) is int and 0 <= value < len(names):
         return value
-    raise InvalidInputError(f"There is no camera {quoted(value)}; there are {', '.join(names)}.")
+    raise InvalidInputError(f"There is no camera {_as_written(value)}; there are {', '.join(names)}.")
+
+
+def _as_written(value: Any) -> str:
+    """Format a value of a line for a message, with null and true as JSON has them."""
+    return quoted(value) if isinstance(value, str) else shortened(json.dumps(value))
 
 
 def _seconds(value: Any) -> float:
@@ -250,5 +256,5 @@ def _seconds(value: Any) -> float:
         return moment.timestamp()
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or not abs(value) < 1e15:
-        raise InvalidInputError(f"time is {quoted(value)}; it must be a number of seconds.")
+        raise InvalidInputError(f"time is {_as_written(value)}; it must be a number of seconds.")
     return float(value)
