@@ -1,7 +1,9 @@
 """The command line: every command does its work, and every failure is one sentence."""
 
+import contextlib
 import csv
 import dataclasses
+import inspect
 import json
 import os
 import re
@@ -55,7 +57,7 @@ from catfree.viz.page._blocks import (
 )
 from tests.known_calibration import calibration_of
 
-pytest.importorskip("tyro")
+COMMANDS = pytest.importorskip("catfree.cli._commands").COMMANDS
 
 FRAMES, SIZE = 30, (1280, 720)
 
@@ -657,6 +659,37 @@ def test_help_breaks_lines_only_where_the_terminal_ends(
     with pytest.raises(SystemExit):
         cli.main([command, "--help"])
     assert re.search(sentence, capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("columns", ["40", "300"])
+@pytest.mark.parametrize("command", [*COMMANDS, "weights get"])
+def test_help_shows_every_word(command, columns, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", columns)
+    with pytest.raises(SystemExit):
+        cli.main([*command.split(), "--help"])
+    shown, _ = re.subn(r"[\s│╭╮╰╯─]", "", capsys.readouterr().out)
+    text = inspect.getdoc(inspect.unwrap(COMMANDS[command])) if command in COMMANDS else ""
+    words, of_arguments = (text or "").partition("Args:")[::2]
+    paragraphs = [words, *re.split(r"\n    \w+: ", of_arguments.partition("Raises:")[0])]
+    for paragraph in filter(str.strip, paragraphs):
+        assert re.sub(r"\s", "", paragraph) in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        (["localize", "[bold]a[1].csv"], "[bold]a[1].csv"),
+        (["localize", "a.csv", "--unit", "[red]m[/]"], "'[red]m[/]'"),
+        (["localize", "a.csv", "--max-offset", "[3]"], "'[3]'"),
+        (["run", "--x[bold]y"], "--x[bold]y"),
+        (["[bold]run"], "[bold]run"),
+    ],
+)
+def test_words_in_brackets_are_no_markup(words, shown, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    with contextlib.suppress(SystemExit):
+        cli.main(words)
+    assert shown in capsys.readouterr().err
 
 
 @pytest.mark.slow
