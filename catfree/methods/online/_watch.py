@@ -234,7 +234,9 @@ def _camera(value: Any, names: Sequence[str]) -> int:
     counted = not any(name.isdecimal() for name in names)
     if counted and type(value) is int and 0 <= value < len(names):
         return value
-    raise InvalidInputError(f"There is no camera {_as_written(value)}; there are {', '.join(names)}.")
+    raise InvalidInputError(
+        f"There is no camera {_as_written(value)}; there are {', '.join(names)}."
+    )
 
 
 def _as_written(value: Any) -> str:
