@@ -30,6 +30,7 @@ OF_JAX = ("PJRT_NPROC", "XLA_FLAGS")
 # fast. XLA ends a process that names an option that it does not know, as a later one may not.
 QUICK_COMPILATION = "--xla_cpu_use_fusion_emitters=false"
 LAST_WITH_OPTION = (0, 10)  # of jaxlib
+HAS_MASKS = hasattr(signal, "pthread_sigmask")  # not on Windows
 POLL = 0.1  # seconds between two looks for reports
 
 # Neither JAX nor OpenCV survive a fork.
@@ -102,6 +103,54 @@ def inherited(environment: Mapping[str, str]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def postponed_interruption() -> Iterator[None]:
+    """Finish the block before an interruption ends it; a second one ends it at once."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield  # somebody else decides
+        return
+    interruptions = []
+
+    def postpone(*interruption: Any) -> None:
+        interruptions.append(interruption)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    signal.signal(signal.SIGINT, postpone)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if interruptions:
+        raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _blocked_interruption() -> Iterator[None]:
+    """Block Ctrl-C in this thread, and until they unblock it in processes that start meanwhile."""
+    if not HAS_MASKS:
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class SpawnedProcesses(ProcessPoolExecutor):
+    """Processes that start as tasks need them; Ctrl-C ends them when they have imported."""
+
+    def __init__(self, count: int, environment: Mapping[str, str], reports: Any = None) -> None:
+        super().__init__(count, SPAWN, start_worker, (environment, reports))
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Submit a task, for which a process may start."""
+        # An interruption would leave a process behind that the executor does not know.
+        with postponed_interruption(), _blocked_interruption():
+            return super().submit(fn, *args, **kwargs)
+
+
+@contextlib.contextmanager
 def spawned_pool(count: int, reports: Any = None) -> Iterator[ProcessPoolExecutor]:
     """Yield an executor whose processes are spawned, as tasks need them; an error cancels the rest.
 
@@ -113,14 +162,11 @@ def spawned_pool(count: int, reports: Any = None) -> Iterator[ProcessPoolExecuto
         reports: a queue made by `SPAWN`, which the processes have as `from_parent["reports"]`.
     """
     environment = worker_environment()
-    with (
-        inherited(environment),
-        ProcessPoolExecutor(count, SPAWN, start_worker, (environment, reports)) as pool,
-    ):
+    with inherited(environment), SpawnedProcesses(count, environment, reports) as pool:
         try:
             yield pool
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
             raise
 
 
@@ -147,6 +193,8 @@ def start_worker(environment: Mapping[str, str], reports: Any = None) -> None:
     """Set the environment of this process, and end it when its parent dies or at Ctrl-C."""
     # An exception would print where it was, or be lost in a callback while the work goes on.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if HAS_MASKS:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     os.environ.update(environment)
     from_parent["reports"] = reports
     parent = multiprocessing.parent_process()

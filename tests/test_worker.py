@@ -2,10 +2,12 @@
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
 from unittest import mock
 
+import pytest
 from hypothesis import given, strategies as st
 
 from catfree._worker import inherited, start_worker
@@ -36,3 +38,34 @@ def test_a_worker_has_its_environment_before_it_imports_a_library():
     )
     command, start = [sys.executable, "-c", code], pickle.dumps(start_worker)
     assert subprocess.run(command, input=start, stdout=-1, check=True).stdout.strip() == b"[]"
+
+
+INTERRUPTED = """
+import os, time
+import numpy  # which takes time
+from catfree._worker import spawned_pool
+
+if __name__ == "__main__":
+    try:
+        with spawned_pool(2) as pool:
+            tasks = [pool.submit(os.getpid) for _ in range(2)]
+            print("begun", flush=True)
+            [task.result() for task in tasks]
+            time.sleep(60)
+    except KeyboardInterrupt:
+        print("ended")
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="Windows has other interruptions")
+def test_workers_that_are_interrupted_while_they_import_say_nothing(tmp_path):
+    """Ctrl-C in a terminal reaches all processes of the command."""
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED)
+    pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+    command = [sys.executable, str(script)]
+    with subprocess.Popen(command, **pipes, start_new_session=True) as parent:
+        assert parent.stdout.readline().strip() == b"begun"
+        os.killpg(parent.pid, signal.SIGINT)
+        said, errors = parent.communicate(timeout=60)
+    assert (said.strip(), errors, parent.returncode) == (b"ended", b"", 0)

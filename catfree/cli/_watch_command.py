@@ -3,13 +3,11 @@
 import contextlib
 import io
 import json
-import signal
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
+from catfree._worker import postponed_interruption
 from catfree.cli._inputs import Unit, open_scene
 from catfree.cli._terminal import print_text, warn
 
@@ -66,27 +64,5 @@ def _standard_input() -> Iterator[str]:
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
     with contextlib.suppress(KeyboardInterrupt):
         for line in sys.stdin:
-            with _postponed_interruption():
+            with postponed_interruption():
                 yield line
-
-
-@contextlib.contextmanager
-def _postponed_interruption() -> Iterator[None]:
-    """Finish the block before an interruption ends it; a second one ends it at once."""
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield  # somebody else decides
-        return
-    interruptions = []
-
-    def postpone(*interruption: Any) -> None:
-        interruptions.append(interruption)
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    signal.signal(signal.SIGINT, postpone)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-    if interruptions:
-        raise KeyboardInterrupt

@@ -6,7 +6,7 @@ import os
 import pickle
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import cached_property, partial
@@ -17,10 +17,10 @@ from typing import Any, NamedTuple, TypeVar
 from catfree._run._cache import StageCache, code_hash
 from catfree._worker import (
     SPAWN,
+    SpawnedProcesses,
     as_they_end,
     from_parent,
     inherited,
-    start_worker,
     worker_environment,
 )
 from catfree.adapters.background._background_detector import (
@@ -82,7 +82,7 @@ class CameraDetectors:
             and _can_be_sent(detector)
         )
         self._workers = min(workers, videos.camera_count) if several else 1
-        self._processes: list[ProcessPoolExecutor] = []
+        self._processes: list[SpawnedProcesses] = []
         self._started: set[int] = set()
         self._reports: Any = None
 
@@ -97,12 +97,13 @@ class CameraDetectors:
         traceback: TracebackType | None,
     ) -> None:
         """End the processes; after an error at once, whatever they are doing."""
-        for process in self._processes:
-            process.shutdown(wait=False, cancel_futures=True)
         if kind is not None:
             for child in multiprocessing.active_children():
                 if child.pid in self._started:
                     child.terminate()
+        for process in self._processes:
+            # One that still imports would tell that this process has gone.
+            process.shutdown(wait=kind is not None, cancel_futures=True)
         self._processes, self._started = [], set()
 
     @cached_property
@@ -232,7 +233,7 @@ class CameraDetectors:
                 yield parts[0][0], dict(sorted(results))
 
     @contextlib.contextmanager
-    def _running(self) -> Iterator[list[ProcessPoolExecutor]]:
+    def _running(self) -> Iterator[list[SpawnedProcesses]]:
         """The processes, started if need be; camera c belongs to process c modulo their number."""
         try:
             if not self._processes:
@@ -248,9 +249,8 @@ class CameraDetectors:
         environment = worker_environment()
         try:
             self._reports = SPAWN.SimpleQueue()
-            start = environment, self._reports
             self._processes = [
-                ProcessPoolExecutor(1, SPAWN, start_worker, start) for _ in range(self._workers)
+                SpawnedProcesses(1, environment, self._reports) for _ in range(self._workers)
             ]
             with inherited(environment):  # a process starts with its first task
                 begun = [process.submit(os.getpid) for process in self._processes]
@@ -282,7 +282,7 @@ class _End(NamedTuple):
 
 
 def _answers(
-    process: ProcessPoolExecutor, chunks: deque[Future[list[Any]]]
+    process: SpawnedProcesses, chunks: deque[Future[list[Any]]]
 ) -> Generator[Any, None, None]:
     """Yield the instants of a process, each an `Instant` or the `_End`, and ask for more."""
     try:
