@@ -33,7 +33,7 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import CatFreeError, FileFormatError
 from catfree.settings import SelectionSettings, Settings
 from catfree.types import Detections, Lens, Localization, Scene
-from catfree.types._validation import as_path, require_instance
+from catfree.types._validation import as_flag, as_path, require_instance
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned, replacing
 from catfree.types.results._arrow_table import CAMERA_BITS
 from catfree.viz.footage._contact_sheet import write_sheet
@@ -115,8 +115,11 @@ def write_results(
     """
     root = as_path(folder, "folder")
     require_instance(outcome, RunOutcome, "outcome")
-    settings = settings or Settings()
+    settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
+    pictures = None if pictures is None else as_flag(pictures, "pictures")
+    embeddings, blur = as_flag(embeddings, "embeddings"), as_flag(blur, "blur")
+    overlay = as_flag(overlay, "overlay")
     localization, scene = outcome.localization, outcome.scene
     try:
         make_folder(root)

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from catfree.errors import InvalidInputError
 from catfree.types import Scene
-from catfree.types._validation import as_float, as_rows, require_boxes, require_shape
+from catfree.types._validation import as_float, as_number, as_rows, require_boxes, require_shape
 from catfree.types.results._reconstruction import Reconstruction as Reconstruction
 
 Image = UInt8[np.ndarray, "_ _ 3"]
@@ -45,8 +45,8 @@ class FrameDetections(eqx.Module):
                 box without area or a score outside [0, 1].
         """
         self.box = as_rows(box, 4, "box")
-        self.score = np.asarray(as_float(score))
-        self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints))
+        self.score = np.asarray(as_float(score, "score"))
+        self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints, "keypoints"))
         require_boxes(len(self.box), self.box, self.score, self.keypoints)
 
     def __len__(self) -> int:
@@ -202,10 +202,10 @@ def ankles_confirmed(
     Raises:
         InvalidInputError: if keypoints have another shape.
     """
-    points = np.asarray(as_float(keypoints))
+    points = np.asarray(as_float(keypoints, "keypoints"))
     require_shape(points, (None, 17, 3), "keypoints")
     confidence = points[:, [LEFT_ANKLE, RIGHT_ANKLE], 2].min(axis=-1)
-    return np.asarray(confidence >= minimum_confidence)
+    return np.asarray(confidence >= as_number(minimum_confidence, "minimum_confidence"))
 
 
 def as_image(image: Any) -> Image:

@@ -58,8 +58,8 @@ def _paired_centers(
     estimated: ArrayInput, true: ArrayInput, registered: ArrayInput | None
 ) -> tuple[Float[np.ndarray, "cam 3"], Float[np.ndarray, "cam 3"], Int[np.ndarray, " used"]]:
     """Convert both arrays to float64 and return them with the indices of the used cameras."""
-    estimated = np.asarray(as_float(estimated), np.float64)
-    true = np.asarray(as_float(true), np.float64)
+    estimated = np.asarray(as_float(estimated, "estimated_centres"), np.float64)
+    true = np.asarray(as_float(true, "true_centres"), np.float64)
     if estimated.ndim != 2 or estimated.shape[1] != 3 or true.shape != estimated.shape:
         raise InvalidInputError(
             f"Camera centers must be two (C, 3) arrays, got {estimated.shape} and {true.shape}."
@@ -146,7 +146,7 @@ def leave_one_camera_out(
         CAT-Free, appendix "Effect of evaluation alignment" (Table gauge).
     """
     estimated, true, used = _paired_centers(estimated_centres, true_centres, registered)
-    points = np.asarray(as_float(positions), np.float64)
+    points = np.asarray(as_float(positions, "positions"), np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidInputError(f"positions must have shape (M, 3), got {points.shape}.")
     if len(used) <= MINIMUM_CENTERS:

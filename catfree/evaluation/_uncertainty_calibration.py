@@ -121,7 +121,7 @@ def ellipse_coverage(
     if not 0 < level < 1:
         raise InvalidInputError(f"level is {level}; it must be a probability inside (0, 1).")
     sequence = read_sequence(ground_truth, predictions, frames)
-    covariances = np.asarray(as_float(covariance), np.float64)
+    covariances = np.asarray(as_float(covariance, "covariance"), np.float64)
     rows = as_rows(predictions, "predictions")
     n = len(rows)
     if covariances.shape != (n, 2, 2) and (n or covariances.size):
@@ -193,7 +193,7 @@ def calibration_curve(
     Source:
         Naeini et al., "Obtaining well calibrated probabilities using Bayesian binning" (2015).
     """
-    claimed = np.asarray(as_float(probability), np.float64)
+    claimed = np.asarray(as_float(probability, "probability"), np.float64)
     outcome = as_boolean(correct, "correct")
     if claimed.ndim != 1 or outcome.shape != claimed.shape:
         raise InvalidInputError(

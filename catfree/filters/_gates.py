@@ -70,7 +70,7 @@ def quantile(
     Returns:
         () in the unit of the values; +inf for an empty sample.
     """
-    values = as_floating(values)
+    values = as_floating(values, "values")
     if values.shape[0] == 0:
         return jnp.asarray(jnp.inf, values.dtype)
     member = as_mask(where, values.shape) & jnp.isfinite(values)
@@ -115,8 +115,11 @@ def select(
         raise InvalidInputError(f"fixed_quantile is {fixed_quantile}; it must be between 0 and 1.")
     if not isinstance(gates, str) or gates not in ORDERS:
         raise InvalidInputError(f"gates is {quoted(gates)}; it must be one of {', '.join(ORDERS)}.")
-    sigma, ground_distance = as_floating(sigma), as_floating(ground_distance)
-    weighted_support = as_floating(weighted_support)
+    sigma, ground_distance = (
+        as_floating(sigma, "sigma"),
+        as_floating(ground_distance, "ground_distance"),
+    )
+    weighted_support = as_floating(weighted_support, "weighted_support")
     candidate = as_mask(candidate, sigma.shape, "candidate")
 
     def threshold(values: Float[Array, " h"], where: Bool[Array, " h"]) -> Float[Array, ""]:

@@ -10,21 +10,21 @@ from catfree.geometry._arrays import as_flags
 from catfree.types._validation import as_float, is_traced, require_shape
 
 
-def as_floating(values: jax.typing.ArrayLike) -> Float[Array, "..."]:
+def as_floating(values: jax.typing.ArrayLike, name: str) -> Float[Array, "..."]:
     """Convert to a JAX array of the input's float type, or the default float for other numbers.
 
     Raises:
         InvalidInputError: if these are no real numbers.
     """
-    return jnp.asarray(as_float(values))
+    return jnp.asarray(as_float(values, name))
 
 
 def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:
     """`as_floating` of a flat array; use `jax.vmap` for a batch of samples."""
-    array = as_floating(values)
+    array = as_floating(values, "values")
     if array.ndim != 1:
         raise InvalidInputError(
-            f"A sample must have shape (n), got {array.shape}. Flatten it, or use jax.vmap."
+            f"values must have shape (n), got {array.shape}. Flatten it, or use jax.vmap."
         )
     return array
 
@@ -32,8 +32,8 @@ def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:
 def as_mask(
     where: jax.typing.ArrayLike | None, shape: tuple[int, ...], name: str = "where"
 ) -> Bool[Array, "..."]:
-    """Convert to a boolean JAX array; None means all true."""
-    if where is None:
+    """Convert to a boolean JAX array; None for `where` means all true."""
+    if where is None and name == "where":
         return jnp.ones(shape, bool)
     mask = as_flags(where, name)
     require_shape(mask, shape, name)
@@ -44,7 +44,7 @@ def as_radius(radius: jax.typing.ArrayLike, dtype: jnp.dtype) -> Float[Array, ""
     """Convert to one JAX number; infinite ones are allowed, negative ones are not."""
     if is_traced(radius):
         return jnp.asarray(radius, dtype)
-    number = np.asarray(as_float(radius), np.float64)
+    number = np.asarray(as_float(radius, "radius"), np.float64)
     if number.shape != () or not number >= 0:
         raise InvalidInputError(f"radius is {quoted(radius)}; it must be one number, 0 or more.")
     return jnp.asarray(number, dtype)

@@ -65,7 +65,7 @@ def auxiliary_score(
 
     Source: paper, Sec. "The Scoring Stage".
     """
-    signals = as_floating(signals)
+    signals = as_floating(signals, "signals")
     if signals.ndim != 2 or signals.shape[1] != len(Signal):
         raise InvalidInputError(
             f"signals has shape {signals.shape}; it needs one column for each `Signal`, of which "
@@ -121,7 +121,7 @@ def median_residual(
 
     Source: paper, Sec. "The Scoring Stage", of the angles of Eq. theta.
     """
-    residuals = as_floating(residuals)
+    residuals = as_floating(residuals, "residuals")
     where = as_mask(where, residuals.shape)
     if residuals.size == 0:
         return jnp.full((), jnp.nan, residuals.dtype)
@@ -143,7 +143,7 @@ def height_consistency(
 
     Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
     """
-    heights = as_floating(heights)
+    heights = as_floating(heights, "heights")
     where = as_mask(where, heights.shape)
     values = jnp.where(where, heights, 0)
     count = jnp.maximum(jnp.sum(where), 1).astype(values.dtype)

@@ -38,8 +38,9 @@ def support(
 
     Source: paper, Sec. "Selecting pedestrian positions", recount of the supporting cameras.
     """
-    position, origins, directions = map(as_floating, (position, origins, directions))
-    weights = as_floating(weights)
+    position, origins = as_floating(position, "position"), as_floating(origins, "origins")
+    directions = as_floating(directions, "directions")
+    weights = as_floating(weights, "weights")
     require_shape(directions, (*weights.shape, 3), "directions")
     require_shape(origins, (len(weights), 3), "origins")
     require_shape(position, (3,), "position")
@@ -78,7 +79,7 @@ def weighted_support(
     Source: paper, Sec. "Selecting pedestrian positions", where candidates with "stronger camera
         support" come first; Fig. "reliability" for the weights.
     """
-    weights = as_floating(weights)
+    weights = as_floating(weights, "weights")
     rays = index if is_traced(index) else as_integer(index, "index")
     require_shape(weights, (None, None), "weights")
     require_shape(rays, weights.shape[:1], "index")

@@ -42,7 +42,7 @@ def suppress(
 
     Source: paper, Sec. "Selecting pedestrian positions", duplicate removal.
     """
-    positions, priority = as_floating(positions), as_floating(priority)
+    positions, priority = as_floating(positions, "positions"), as_floating(priority, "priority")
     count = positions.size // 2
     one_each = priority.ndim in (1, 2) and priority.shape[0] == count and priority.size >= count
     if positions.shape != (count, 2) or not one_each:
@@ -83,7 +83,7 @@ def outside(
 
     Source: paper, Sec. "Selecting pedestrian positions", recovery.
     """
-    positions = as_floating(positions)
+    positions = as_floating(positions, "positions")
     require_shape(positions, (None, 2), "positions")
     accepted = as_mask(accepted, positions.shape[:1], "accepted")
     tested = as_mask(where, accepted.shape) & ~accepted

@@ -21,8 +21,12 @@ Scalar = float | int | np.number | Real[HostOrDevice, ""]
 ArrayInput = ArrayLike | tuple[Any, ...]
 
 
-def float_arrays(*values: Any) -> tuple[Any, ...]:
-    """Convert everything to JAX arrays of one float dtype; None stays None.
+def float_arrays(*optional: str, **values: Any) -> tuple[Any, ...]:
+    """Convert everything to JAX arrays of one float dtype.
+
+    Args:
+        optional: names of those that may be None, which stays None.
+        values: by their names, for messages.
 
     The dtype is the widest of `as_float` of the arrays of floats, or JAX's default float if there
     are none. Python scalars never widen it.
@@ -30,11 +34,14 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
     Raises:
         InvalidInputError: if something does not hold real numbers.
     """
-    converted = [None if v is None else as_float(v) for v in values]
+    converted = [
+        None if value is None and name in optional else as_float(value, name)
+        for name, value in values.items()
+    ]
     # Whole numbers and scalars, also Python scalars that went through `jax.jit`, have no say.
     floats = [
         jnp.result_type(c)
-        for v, c in zip(values, converted, strict=True)
+        for v, c in zip(values.values(), converted, strict=True)
         if c is not None
         and isinstance(v, HostOrDevice)
         and jnp.issubdtype(v.dtype, jnp.floating)

@@ -239,7 +239,9 @@ def implied_height(
 
     Source: paper, Sec. "The Scoring Stage", which names implied heights but gives no formula.
     """
-    center, ray, position, normal, offset = float_arrays(center, ray, position, normal, offset)
+    center, ray, position, normal, offset = float_arrays(
+        center=center, ray=ray, position=position, normal=normal, offset=offset
+    )
     require_vectors(3, center=center, ray=ray, position=position, normal=normal)
     rise = normal @ ray
     level = ray - rise * normal

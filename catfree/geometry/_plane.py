@@ -41,7 +41,9 @@ def plane_distance(plane: Plane, position: Real[HostOrDevice, "3"]) -> Float[Arr
     Source: paper, Sec. "Selecting pedestrian positions", ground-plane consistency filter.
     """
     require_instance(plane, Plane, "plane")
-    position, normal, offset = float_arrays(position, plane.normal, plane.offset)
+    position, normal, offset = float_arrays(
+        position=position, normal=plane.normal, offset=plane.offset
+    )
     require_vectors(3, position=position)
     return jnp.abs(jnp.sum(normal * position) + offset)
 
@@ -70,7 +72,9 @@ def intersect_ray(
         plane.
     """
     require_instance(plane, Plane, "plane")
-    origin, direction, normal, offset = float_arrays(origin, direction, plane.normal, plane.offset)
+    origin, direction, normal, offset = float_arrays(
+        origin=origin, direction=direction, normal=plane.normal, offset=plane.offset
+    )
     require_vectors(3, origin=origin, direction=direction)
     height = jnp.sum(normal * origin) + offset
     slope = jnp.sum(normal * direction)
@@ -103,7 +107,9 @@ def fit_plane(
 
     Source: Pearson (1901), "On lines and planes of closest fit to systems of points in space".
     """
-    points, weights, toward = float_arrays(points, weights, toward)
+    points, weights, toward = float_arrays(
+        "weights", "toward", points=points, weights=weights, toward=toward
+    )
     require_shape(points, (None, 3), "points")
     point_weights = jnp.ones(len(points), points.dtype) if weights is None else weights
     require_shape(point_weights, points.shape[:1], "weights")
@@ -182,7 +188,9 @@ def fit_plane_ransac(
 
     Source: Fischler and Bolles (1981); Torr and Zisserman (2000) for the truncated score.
     """
-    points, threshold, toward = float_arrays(points, threshold, toward)
+    points, threshold, toward = float_arrays(
+        "threshold", "toward", points=points, threshold=threshold, toward=toward
+    )
     require_shape(points, (None, 3), "points")
     count = as_count(iterations, "iterations", least=1)
     if toward is not None:
@@ -193,7 +201,8 @@ def fit_plane_ransac(
         raise InvalidInputError(f"threshold is {threshold}; it must be a length, 0 or more.")
     if points.shape[0] == 0:
         raise InsufficientDataError("A plane needs 3 points, but there are none.")
-    if not hasattr(key, "dtype"):
+    kind = getattr(key, "dtype", np.dtype(object))
+    if kind != jnp.uint32 and not jnp.issubdtype(kind, jax.dtypes.prng_key):
         raise InvalidInputError(
             f"key is {quoted(key)}; it must be a key of JAX, such as jax.random.key(0)."
         )

@@ -38,7 +38,9 @@ def pixel_to_ray(
     Source: paper, Sec. "Pedestrian observations and ray reliability", back-projection of the
         bottom center of a box.
     """
-    intrinsics, rotation, translation, pixel, distortion = float_arrays(K, R, t, pixel, distortion)
+    intrinsics, rotation, translation, pixel, distortion = float_arrays(
+        "distortion", K=K, R=R, t=t, pixel=pixel, distortion=distortion
+    )
     require_vectors(3, t=translation)
     require_shape(rotation, (3, 3), "R")
     normalized = back_project(intrinsics, pixel, distortion)
@@ -72,7 +74,9 @@ def angular_residual(
 
     Source: paper, Eq. theta.
     """
-    position, origin, direction = float_arrays(position, origin, direction)
+    position, origin, direction = float_arrays(
+        position=position, origin=origin, direction=direction
+    )
     require_vectors(3, position=position, origin=origin, direction=direction)
     sight = position - origin
     # Rescaled by its largest entry so that the squares of very small scenes do not vanish. The
@@ -96,7 +100,7 @@ def height_weight(height: Scalar, median_height: Scalar) -> Float[Array, ""]:
 
     Source: paper, Eq. w.
     """
-    height, median_height = float_arrays(height, median_height)
+    height, median_height = float_arrays(height=height, median_height=median_height)
     usable = median_height > 0  # false for NaN too
     share = height / jnp.where(usable, median_height, 1)
     return jnp.where(usable, jnp.minimum(1, share**2), 1)
@@ -115,7 +119,9 @@ def pose_ratio(median_residual_pose: Scalar, median_residual_other: Scalar) -> F
 
     Source: paper, Eq. w_pose; the bound of 1 keeps w in (0, 1].
     """
-    pose, other = float_arrays(median_residual_pose, median_residual_other)
+    pose, other = float_arrays(
+        median_residual_pose=median_residual_pose, median_residual_other=median_residual_other
+    )
     usable = (other > 0) & ~jnp.isnan(pose)
     ratio = jnp.where(usable, pose, 1) / jnp.where(usable, other, 1)
     return jnp.minimum(1, ratio * ratio)
@@ -145,7 +151,9 @@ def ray_weight(
 
     Source: paper, Eq. w.
     """
-    height, median_height, ratio, minimum = float_arrays(height, median_height, ratio, minimum)
+    height, median_height, ratio, minimum = float_arrays(
+        height=height, median_height=median_height, ratio=ratio, minimum=minimum
+    )
     confirmed = as_flags(ankles_confirmed, "ankles_confirmed")
     trust = height_weight(height, median_height)
     return jnp.maximum(jnp.where(confirmed, 1, ratio) * trust, minimum)

@@ -45,7 +45,9 @@ class Similarity(eqx.Module):
         Raises:
             InvalidInputError: if shapes do not fit, or the scale is a number that is not positive.
         """
-        self.scale, self.rotation, self.translation = float_arrays(scale, rotation, translation)
+        self.scale, self.rotation, self.translation = float_arrays(
+            scale=scale, rotation=rotation, translation=translation
+        )
         shapes = self.scale.shape, self.rotation.shape, self.translation.shape
         dims = (self.translation.size,)
         if shapes != ((), 2 * dims, dims):
@@ -66,7 +68,7 @@ class Similarity(eqx.Module):
             InvalidInputError: if points have another number of coordinates.
         """
         points, scale, rotation, translation = float_arrays(
-            points, self.scale, self.rotation, self.translation
+            points=points, scale=self.scale, rotation=self.rotation, translation=self.translation
         )
         if points.shape[-1:] != translation.shape:
             raise InvalidInputError(
@@ -132,7 +134,7 @@ def fit_similarity(
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns".
     """
-    source, target, weights = float_arrays(source, target, weights)
+    source, target, weights = float_arrays("weights", source=source, target=target, weights=weights)
     if source.ndim != 2 or source.shape != target.shape or source.shape[0] == 0:
         raise InvalidInputError(
             "A similarity needs pairs of points: two arrays of the same shape (n, D), n at "
@@ -217,7 +219,7 @@ def nearest_rotation(matrix: Real[HostOrDevice, "dim dim"]) -> Float[Array, "dim
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns", the lemma.
     """
-    (matrix,) = float_arrays(matrix)
+    (matrix,) = float_arrays(matrix=matrix)
     require_shape(matrix, (None, *matrix.shape[:1]), "matrix")
     fixed = jax.lax.stop_gradient(matrix)
     left, values, right = jnp.linalg.svd(fixed)

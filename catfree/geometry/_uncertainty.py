@@ -49,7 +49,11 @@ def information(
     Source: paper, Eq. sigma.
     """
     position, origins, directions, weights, sigma_theta = float_arrays(
-        position, origins, directions, weights, sigma_theta
+        position=position,
+        origins=origins,
+        directions=directions,
+        weights=weights,
+        sigma_theta=sigma_theta,
     )
     require_vectors(3, position=position)
     require_rays(origins, directions, weights)
@@ -82,7 +86,7 @@ def ground_covariance(information: Real[HostOrDevice, "3 3"], plane: Plane) -> F
     Source: paper, Eq. sigma.
     """
     require_instance(plane, Plane, "plane")
-    covariance, singular = _covariance(*float_arrays(information, plane.basis))
+    covariance, singular = _covariance(*float_arrays(information=information, basis=plane.basis))
     infinite = jnp.where(jnp.eye(2, dtype=bool), jnp.inf, 0).astype(covariance.dtype)
     return jnp.where(singular, infinite, covariance)
 
@@ -104,7 +108,7 @@ def ground_sigma(information: Real[HostOrDevice, "3 3"], plane: Plane) -> Float[
     Source: paper, Eq. sigma.
     """
     require_instance(plane, Plane, "plane")
-    covariance, singular = _covariance(*float_arrays(information, plane.basis))
+    covariance, singular = _covariance(*float_arrays(information=information, basis=plane.basis))
     variance = (covariance[0, 0] + covariance[1, 1]) / 2
     return jnp.where(singular, jnp.inf, jnp.sqrt(jnp.where(singular, 1, variance)))
 

@@ -80,14 +80,14 @@ class Detections(eqx.Module):
         self.frame = as_integer(frame, "frame")
         self.camera = as_integer(camera, "camera")
         self.box = as_rows(box, 4, "box")
-        self.score = None if score is None else np.asarray(as_float(score))
+        self.score = None if score is None else np.asarray(as_float(score, "score"))
         self.ankles_confirmed = (
             None if ankles_confirmed is None else as_boolean(ankles_confirmed, "ankles_confirmed")
         )
-        self.embedding = None if embedding is None else np.asarray(as_float(embedding))
+        self.embedding = None if embedding is None else np.asarray(as_float(embedding, "embedding"))
         if self.embedding is not None and self.embedding.shape == (0,):
             self.embedding = self.embedding.reshape(0, 0)
-        self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints))
+        self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints, "keypoints"))
         if self.keypoints is not None and self.keypoints.shape == (0,):
             self.keypoints = self.keypoints.reshape(0, 17, 3)
         self.clock = require_clock(clock)
@@ -232,7 +232,7 @@ class Detections(eqx.Module):
             index = _camera_indices(column(camera), camera_names)
         else:
             index = np.full(len(numbers), as_count(camera, "camera"))
-        corners = np.stack([as_float(column(name)) for name in box], axis=-1)
+        corners = np.stack([as_float(column(name), name) for name in box], axis=-1)
         if form == "xywh":
             corners = np.concatenate([corners[:, :2], corners[:, :2] + corners[:, 2:]], axis=-1)
         scored = score is not None and (score in names or score != "score")

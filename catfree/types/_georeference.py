@@ -101,7 +101,7 @@ class GeoReference:
         Source: the ellipsoid's surface below each point of the plane, by Bowring (1985), "The
             accuracy of geodetic latitude and height equations".
         """
-        points = np.asarray(as_float(xy), np.float64)
+        points = np.asarray(as_float(xy, "xy"), np.float64)
         require_shape(points, (None, 2), "xy")
         east_north = self.meters_per_unit * (points - self.origin) @ self._turn.T
         base, axes = _tangent_plane(self.longitude, self.latitude)
@@ -144,7 +144,7 @@ class GeoReference:
         Raises:
             InvalidInputError: if their numbers differ, or as `to_xy`.
         """
-        points, places = np.asarray(as_float(xy), np.float64), self.to_xy(longitude_latitude)
+        points, places = np.asarray(as_float(xy, "xy"), np.float64), self.to_xy(longitude_latitude)
         require_shape(points, places.shape, "xy")
         return self.meters_per_unit * np.linalg.norm(places - points, axis=-1)
 

@@ -96,7 +96,7 @@ class Rig(eqx.Module):
             InvalidInputError: naming the first camera whose parameters have a wrong shape, are not
                 finite, or are not valid intrinsics or a rotation.
         """
-        self.K, self.R, self.t = as_float(K), as_float(R), as_float(t)
+        self.K, self.R, self.t = as_float(K, "K"), as_float(R, "R"), as_float(t, "t")
         require_shape(self.K, (None, 3, 3), "K")
         count = self.K.shape[0]
         require_shape(self.R, (count, 3, 3), "R")
@@ -106,7 +106,7 @@ class Rig(eqx.Module):
             size = np.tile(size, (count, 1))
         require_shape(size, (count, 2), "image_size")
         self.image_size = size
-        self.distortion = None if distortion is None else as_float(distortion)
+        self.distortion = None if distortion is None else as_float(distortion, "distortion")
         if self.distortion is not None:
             wide = 8 if self.distortion.shape[-1:] == (8,) else 5
             require_shape(self.distortion, (count, wide), "distortion")
@@ -115,7 +115,7 @@ class Rig(eqx.Module):
         has_rays = self.lenses == Lens.RAYS
         self.rays = None
         if has_rays.any():
-            self.rays = as_float(np.empty(0) if rays is None else rays)
+            self.rays = as_float(np.empty(0) if rays is None else rays, "rays")
             require_shape(self.rays, (count, None, None, 3), "rays")
         if not is_traced(self.K, self.R, self.t, self.distortion):
             self._check()

@@ -43,7 +43,7 @@ class Plane(eqx.Module):
         Raises:
             InvalidInputError: if the normal is zero or anything is not finite.
         """
-        normal, offset = as_float(normal), as_float(offset)
+        normal, offset = as_float(normal, "normal"), as_float(offset, "offset")
         require_shape(normal, (3,), "normal")
         require_shape(offset, (), "offset")
         if is_traced(normal, offset):
@@ -89,7 +89,7 @@ class Plane(eqx.Module):
         Raises:
             InvalidInputError: if points do not have three coordinates.
         """
-        x = as_float(x)
+        x = as_float(x, "x")
         if x.shape[-1:] != (3,):
             raise InvalidInputError(f"Points must have shape (..., 3), got {x.shape}.")
         return x @ self.normal + self.offset
@@ -140,7 +140,7 @@ class Scene(eqx.Module):
         if georeference is not None:
             require_instance(georeference, GeoReference, "georeference")
         self.georeference = georeference
-        self.rig, self.ground, self.extent = rig, ground, as_float(extent)
+        self.rig, self.ground, self.extent = rig, ground, as_float(extent, "extent")
         self.metric = as_flag(metric, "metric")
         if not (rig_sd is None or is_traced(rig_sd)):
             rig_sd = as_number(rig_sd, "rig_sd")

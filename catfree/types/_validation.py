@@ -98,16 +98,22 @@ def as_path(value: Any, name: str) -> Path:
     return Path(text)
 
 
+def is_listed(value: Any) -> bool:
+    """Return whether a value has entries, as text and arrays of no axis have not."""
+    has_entries = isinstance(value, Iterable) and not isinstance(value, str | Mapping)
+    return has_entries and getattr(value, "shape", None) != ()
+
+
 def as_paths(value: Any, name: str) -> list[Path]:
     """Convert one path or several to a list."""
-    if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable):
+    if isinstance(value, str | os.PathLike) or not is_listed(value):
         return [as_path(value, name)]
     return [as_path(one, f"{name}[{at}]") for at, one in enumerate(value)]
 
 
 def as_instances(values: Any, kind: type[T], name: str) -> list[T]:
     """Return a list of values that must all have this type."""
-    if not isinstance(values, Iterable):
+    if not is_listed(values):
         raise InvalidInputError(
             f"{name} must be a list of {kind.__name__}, got {type(values).__name__}."
         )
@@ -133,7 +139,7 @@ def require_names(
     """
     if names is None:
         return
-    if not (hasattr(names, "__len__") and hasattr(names, "__getitem__")):
+    if not (is_listed(names) and hasattr(names, "__len__") and hasattr(names, "__getitem__")):
         raise InvalidInputError(f"{name} must be a list, got {type(names).__name__}.")
     if len(names) != cameras:
         raise InvalidInputError(f"{name} has {len(names)} names, but there are {cameras} cameras.")
@@ -215,11 +221,27 @@ def _require_real(dtype: Any) -> None:
         raise InvalidInputError(f"Expected real numbers, got {dtype} values.")
 
 
-def as_float(value: Any) -> Any:
+def as_float(value: Any, name: str | None = None) -> Any:
     """Convert to floats: float arrays keep their width, JAX arrays stay JAX arrays.
 
     Other numbers become float64, and JAX arrays of whole numbers become JAX's default float.
+
+    Args:
+        value: what was given.
+        name: of the argument, for messages.
+
+    Raises:
+        InvalidInputError: if these are no real numbers.
     """
+    try:
+        return _as_float(value)
+    except InvalidInputError as error:
+        raise error if name is None else InvalidInputError(f"{name}: {error}") from error
+
+
+def _as_float(value: Any) -> Any:
+    if value is None:  # of which NumPy makes NaN
+        raise InvalidInputError("Expected numbers, got NoneType.")
     if isinstance(value, jax.Array):
         _require_real(value.dtype)
         return value if value.dtype in (jnp.float32, jnp.float64) else value.astype(float)
@@ -307,7 +329,7 @@ def _as_number(
 
 def as_finite(value: Any, shape: tuple[int | None, ...], name: str) -> np.ndarray:
     """Convert to finite float64 numbers of this shape, None standing for any length."""
-    array = np.asarray(as_float(value), np.float64)
+    array = np.asarray(as_float(value, name), np.float64)
     require_shape(array, shape, name)
     require_finite(array, name)
     return array
@@ -339,7 +361,7 @@ def as_area(value: Any, *, finite: bool = True) -> tuple[float, float, float, fl
 
 def as_rows(value: Any, width: int, name: str) -> np.ndarray:
     """Convert to floats of shape (N, width) on the host; nothing at all is (0, width)."""
-    rows = np.asarray(as_float(value))
+    rows = np.asarray(as_float(value, name))
     rows = rows.reshape(0, width) if rows.size == 0 else rows
     require_shape(rows, (None, width), name)
     return rows

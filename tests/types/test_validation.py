@@ -140,6 +140,9 @@ tracks = empty_localization(4).tracks
 rig, pixels, points, up = scene.rig, np.ones((7, 2)), np.ones((7, 3)), np.eye(3)[2]
 pose, lens = (rig.K[0], rig.R[0], rig.t[0]), np.zeros(5)
 named = NamedRig(rig, tuple("abcd"))
+outcome = cf.RunOutcome(
+    empty_localization(4), cf.Detections([], [], []), scene, None, tuple("abcd"), np.zeros(0)
+)
 boxes = lambda frames: cf.Detections(frames, [0, 1], [[0, 0, 9, 9.0]] * 2)
 none = cf.Detections([], [], [])
 calls = {
@@ -181,7 +184,38 @@ calls = {
     "got Tracks. Pass its to_rows().": lambda: detection_metrics([], tracks),
     "got Localization. Pass its tracks.to_rows().": lambda: hota([], empty_localization(4)),
     "Expected numbers, got Scene.": lambda: hota([], scene),
-    "camera_names has 1 names, but there are 4": lambda: cf.localize(none, scene, camera_names="a"),
+    "camera_names has 1 names, but": lambda: cf.localize(none, scene, camera_names=["a"]),
+    "camera_names must be a list, got str": lambda: cf.localize(none, scene, camera_names="abcd"),
+    "camera_names must be a list, got ndarray": lambda: cf.check(
+        scene, none, camera_names=np.array("a")
+    ),
+    "names must be a list, got str": lambda: write_rig_json(f"{folder}/r.json", rig, "abcd"),
+    "camera_names must be a list of str, got NoneType": lambda: next(
+        cf.watch([], cf.Tracker(scene), None, frame_rate=5)
+    ),
+    "lines must be lines of text, got NoneType": lambda: next(
+        cf.watch(None, cf.Tracker(scene), "abcd", frame_rate=5)
+    ),
+    "tracker must be a Tracker, got Scene": lambda: next(
+        cf.watch([], scene, list("abcd"), frame_rate=5)
+    ),
+    "camera_names must be a list of str, got float": lambda: cf.read_detections(folder, np.nan),
+    "timestamps must list those of each camera": lambda: cf.adapters.on_common_clock(none, None),
+    "confidence is None": lambda: cf.adapters.BackgroundDetector(None),
+    "iou is 'a'": lambda: cf.adapters.YoloPoseOnnx("a.onnx", iou="a"),
+    "maximum_points must hold whole": lambda: cf.adapters.VggtOnnx("a.onnx", maximum_points="a"),
+    "unit is {}; it must be one of": lambda: cf.read_scene(folder, unit={}),
+    "camera of a KnownCamera is None; it must": lambda: cf.KnownCamera(None, height=3.0),
+    "focal_sd of a KnownCamera is None": lambda: cf.KnownCamera(0, height=3.0, focal_sd=None),
+    "scale: Expected numbers, got NoneType": lambda: cf.geometry.Similarity(None, [[1]], [0]),
+    "height: Expected numbers, got NoneType": lambda: cf.geometry.height_weight(None, 2.0),
+    "distortion: Expected numbers, got NoneType": lambda: distort(pixels[0], None),
+    "seeing must hold true and false": lambda: cf.filters.view_support_ratio([True], None),
+    "score: Expected numbers, got str": lambda: cf.Detections([0], [0], [[0, 0, 1, 1]], "high"),
+    "K: Expected numbers, got NoneType": lambda: cf.Rig(None, rig.R, rig.t, (9, 9)),
+    "embeddings must hold true and false": lambda: cf.write_results(
+        folder, outcome, embeddings="no"
+    ),
     "scene must be a Scene, got str: read it with cf.read_scene": lambda: cf.check("a.json", none),
     "scene must be a Scene, got Detections": lambda: cf.rank_cameras(none),
     "longitude of a georeference is 'a'; it must be a finite": lambda: cf.GeoReference("a", "b"),
@@ -208,7 +242,7 @@ calls = {
     "block_length must": lambda: bootstrap(detection_metrics([], [], [0]), block_length=None),
     "seed must hold whole numbers": lambda: bootstrap(detection_metrics([], [], [0]), seed="a"),
     "seed is -1": lambda: bootstrap(detection_metrics([], [], [0]), seed=-1),
-    "radius is None; it must be": lambda: suppress(pixels, np.ones(7), None),
+    "radius: Expected numbers, got NoneType": lambda: suppress(pixels, np.ones(7), None),
     "accepted[2] is neither": lambda: outside(pixels, np.arange(7), 1.0),
     "Expected numbers, got <U1 values": lambda: calibration_curve(["a"], [1]),
     "Settings.evidence is {'gap': 2}; it must be": lambda: cf.Settings(evidence={"gap": 2}),

@@ -27,6 +27,7 @@ from catfree.adapters.background._height_profile import (
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import FrameDetections, Image, as_image
 from catfree.errors import InvalidInputError
+from catfree.types._validation import as_number
 
 # Pictures are reduced by a whole factor to about this height: enough to locate the foot of a person
 # of 100 pixels to a hundredth of the height, while noise and work shrink with the factor's square.
@@ -76,9 +77,9 @@ class BackgroundDetector:
         Raises:
             InvalidInputError: if the confidence is not in [0, 1].
         """
-        if not 0 <= confidence <= 1:
+        self._confidence = as_number(confidence, "confidence")
+        if not 0 <= self._confidence <= 1:
             raise InvalidInputError(f"confidence must lie in [0, 1], got {confidence}.")
-        self._confidence = float(confidence)
         self._samples = PictureSamples()
         self._count_when_fitted = 0
         self._fitted: FittedBackgroundDetector | None = None

@@ -36,7 +36,7 @@ from catfree.adapters.tables._motchallenge import read_mot
 from catfree.adapters.tables._parquet import read_parquet, reading, values_of
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
-from catfree.types._validation import as_integer, as_path, as_paths, shown_camera
+from catfree.types._validation import as_instances, as_integer, as_path, as_paths, shown_camera
 
 # In a folder of results; the last two if pictures are missing, or videos began apart.
 RESULT_BOXES, RESULT_SCENE = "detections.npz", "scene.json"
@@ -152,6 +152,8 @@ def read_camera_boxes(
     Raises:
         CatFreeError: as `read_detections`.
     """
+    names = () if camera_names is None else camera_names
+    known = tuple(as_instances(names, str, "camera_names"))
     files = as_paths(paths, "paths")
     if not files:
         raise InvalidInputError("The list of files with boxes is empty. Name one per camera.")
@@ -160,7 +162,6 @@ def read_camera_boxes(
             raise InvalidInputError(f"There is no file or folder {path} with boxes.")
     if len(files) == 1:
         files = _files_of(files[0])
-    known = tuple(camera_names or ())
     parts = _read_all(files, known)
     boxes = _joined(parts, files, known)
     if len(files) == 1:
@@ -197,6 +198,7 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
         FileFormatError: if it is not such a table, or names a camera that does not exist.
     """
     source = as_path(path, "path")
+    camera_names = as_instances(camera_names, str, "camera_names")
     lines: Sequence[int]
     if source.suffix.lower() == ".parquet":
         columns = read_parquet(source, "missing pictures")

@@ -75,7 +75,7 @@ def read_ground_truth(path: StrPath, split: Split = "test") -> GroundTruth:
         al. 2024 (EarlyBird).
     """
     source = as_path(path, "path")
-    if split not in ("test", "train", "all"):
+    if not isinstance(split, str) or split not in ("test", "train", "all"):
         raise InvalidInputError(f"split is {quoted(split)}; it must be test, train or all.")
     if source.is_dir():
         return _read_grid(source, split)

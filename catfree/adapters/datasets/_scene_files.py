@@ -65,7 +65,7 @@ def read_scene(
             states another unit, or no ground is stated and z = 0 cannot be it.
         FileFormatError: if the file holds something else.
     """
-    if unit not in METERS:
+    if not isinstance(unit, str) or unit not in METERS:
         raise InvalidInputError(f"unit is {quoted(unit)}; it must be one of {', '.join(METERS)}.")
     if ground is not None:
         require_instance(ground, Plane, "ground")

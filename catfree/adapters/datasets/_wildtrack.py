@@ -15,6 +15,7 @@ from catfree.adapters.datasets._grid_annotations import (
 )
 from catfree.adapters.datasets._sequence import MultiViewSequence
 from catfree.adapters.files._documents import StrPath, require_folder
+from catfree.types._validation import as_flag
 
 # Folder C1 holds the images of the camera that calibration files call CVLab1, and so on.
 CAMERAS = {
@@ -74,7 +75,8 @@ def read_wildtrack(
         Detection, CVPR 2018.
     """
     root = require_folder(folder, "WildTrack")
-    cameras = _read_cameras(root / "calibrations", undistorted)
+    is_undistorted = as_flag(undistorted, "undistorted")
+    cameras = _read_cameras(root / "calibrations", is_undistorted)
     files = numbered_files(root / "annotations_positions", "json")
     people = read_annotations(
         files, WILDTRACK, invalid_boxes=invalid_boxes, drop_unseen=drop_unseen

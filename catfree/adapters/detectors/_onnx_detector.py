@@ -17,6 +17,7 @@ from catfree.adapters.onnx._onnx_batching import run_batched
 from catfree.adapters.onnx._onnx_session import OnnxGraph
 from catfree.adapters.protocols import FrameDetections, Image, as_image
 from catfree.errors import InvalidInputError
+from catfree.types._validation import as_number
 
 # Two windows show the same person with different input pixels, so that their boxes agree less well
 # than two boxes of one pass; this is the usual criterion for the same object.
@@ -55,6 +56,7 @@ class OnnxDetector(ABC):
         tile_overlap: float,
     ) -> None:
         """Load the network and store the parameters; see the subclasses."""
+        confidence, iou = as_number(confidence, "confidence"), as_number(iou, "iou")
         if not (0 <= confidence <= 1 and 0 < iou <= 1):
             raise InvalidInputError(
                 f"confidence and iou must lie in [0, 1], got {confidence} and {iou}."
@@ -63,13 +65,13 @@ class OnnxDetector(ABC):
         graph.require_image_input(None)
         self._target = choose_input_size(graph, image_size, self._stride)
         self._output, suppresses = self._read_head()
-        self._confidence = float(confidence)
+        self._confidence = confidence
         self._maximum_overlap = 1.0 if suppresses else iou
         self._tiles, self._tile_overlap = tiles, tile_overlap
         self.fingerprint = hash_parameters(
             type(self).__name__,
             graph.content_hash,
-            confidence=float(confidence),
+            confidence=confidence,
             tiles=tiles,
             target=self._target,
             iou=iou,

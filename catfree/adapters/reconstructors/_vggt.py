@@ -14,6 +14,7 @@ from catfree.adapters.onnx._onnx_session import OnnxGraph
 from catfree.adapters.protocols import Image, as_image
 from catfree.errors import InvalidInputError, quoted
 from catfree.types._sampling import evenly_spread
+from catfree.types._validation import as_count
 from catfree.types.results._reconstruction import Reconstruction
 
 _NEEDED = (
@@ -62,10 +63,9 @@ class VggtOnnx:
             InvalidInputError: if there is no such file or a parameter is impossible.
             FileFormatError: if the file is not a VGGT network.
         """
-        if mode not in ("crop", "pad"):
+        if not isinstance(mode, str) or mode not in ("crop", "pad"):
             raise InvalidInputError(f"mode must be 'crop' or 'pad', got {quoted(mode)}.")
-        if maximum_points < 1:
-            raise InvalidInputError(f"maximum_points must be positive, got {maximum_points}.")
+        maximum_points = as_count(maximum_points, "maximum_points", least=1)
         self._graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
         self._graph.require_image_input(1, None)
         wanted = {"pose_enc": 3, "world_points": 5, "world_points_conf": 4}

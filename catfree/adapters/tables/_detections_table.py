@@ -12,7 +12,13 @@ from catfree.adapters.tables._parquet import open_dataset, reading, values_of, w
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
-from catfree.types._validation import as_float, as_integer, as_path, require_instance
+from catfree.types._validation import (
+    as_count,
+    as_float,
+    as_integer,
+    as_path,
+    require_instance,
+)
 from catfree.types.results._arrow_table import require_pyarrow
 
 if TYPE_CHECKING:
@@ -82,8 +88,9 @@ def read_detections_parquet(
 
     field, rows = pyarrow.dataset.field("frame"), None
     if first is not None:
-        rows = field >= first
+        rows = field >= as_count(first, "first")
     if stop is not None:
+        stop = as_count(stop, "stop")
         rows = field < stop if rows is None else rows & (field < stop)
     with reading(path):
         table = opened.to_table(filter=rows)

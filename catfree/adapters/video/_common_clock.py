@@ -10,11 +10,7 @@ from jaxtyping import Float, Int
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._clock import ABSOLUTE
-from catfree.types._validation import (
-    as_finite,
-    as_positive,
-    require_instance,
-)
+from catfree.types._validation import as_finite, as_positive, is_listed, require_instance
 
 # Whoever asks for 30 ticks per second of a camera of 29.97 means the rate of that camera.
 RATE_TOLERANCE = 0.01
@@ -52,6 +48,10 @@ def on_common_clock(
         InsufficientDataError: if no camera has two timestamps to tell the rate.
     """
     require_instance(detections, Detections, "detections")
+    if not is_listed(timestamps):
+        raise InvalidInputError(
+            f"timestamps must list those of each camera, got {type(timestamps).__name__}."
+        )
     times = [_increasing(values, camera) for camera, values in enumerate(timestamps)]
     stated = {f"{camera}": seconds for camera, seconds in enumerate(times) if len(seconds)}
     rates = {name: rate_of(seconds) for name, seconds in stated.items() if len(seconds) > 1}

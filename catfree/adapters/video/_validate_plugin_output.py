@@ -80,7 +80,7 @@ class Describer:
         where = _place(self.embedder, camera, frame)
         try:
             answer = self.embedder(image, box.copy())  # which it may change
-            vectors = np.asarray(as_float(answer))
+            vectors = np.asarray(np.nan if answer is None else as_float(answer))
         except InvalidInputError as error:
             raise InvalidInputError(f"{where} failed: {error}") from error
         width = vectors.shape[1] if self.width is None and vectors.ndim == 2 else self.width

@@ -85,7 +85,13 @@ def triangulate(
 
     Source: paper, Sec. "Robust 3D position estimation"; Huber (1964) for the loss.
     """
-    arrays = float_arrays(origins, directions, weights, huber_scale, outlier_factor)
+    arrays = float_arrays(
+        origins=origins,
+        directions=directions,
+        weights=weights,
+        huber_scale=huber_scale,
+        outlier_factor=outlier_factor,
+    )
     require_rays(*arrays[:3])
     delta = arrays[3]
     require_shape(delta, (), "huber_scale")
@@ -144,7 +150,7 @@ def triangulate_least_squares(
 
     Source: paper, Sec. "Robust 3D position estimation", with rho the square.
     """
-    arrays = float_arrays(origins, directions, weights)
+    arrays = float_arrays(origins=origins, directions=directions, weights=weights)
     require_rays(*arrays)
     return _triangulate_least_squares(*arrays)
 

@@ -28,7 +28,7 @@ def fisheye_ray(
 
     Source: Kannala and Brandt (2006), as the documentation of `cv2.fisheye` states it.
     """
-    intrinsics, at, lens = float_arrays(K, pixel, k)
+    intrinsics, at, lens = float_arrays(K=K, pixel=pixel, k=k)
     require_vectors(2, pixel=at)
     turned = invert(lambda angle: _bend(angle, lens), from_pixel(intrinsics, at))
     angle = safe_norm(turned)
@@ -58,7 +58,7 @@ def fisheye_pixel(
 
     Source: Kannala and Brandt (2006), as the documentation of `cv2.fisheye` states it.
     """
-    intrinsics, xyz, lens = float_arrays(K, point, k)
+    intrinsics, xyz, lens = float_arrays(K=K, point=point, k=k)
     require_vectors(3, point=xyz)
     largest = jnp.max(jnp.abs(xyz))
     somewhere = largest > 0

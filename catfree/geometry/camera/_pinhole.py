@@ -39,7 +39,7 @@ def distort(point: Real[HostOrDevice, "2"], distortion: Lens) -> Float[Array, "2
 
     Source: the radial and tangential model of Brown (1971) as OpenCV's `projectPoints` states it.
     """
-    ideal, lens = float_arrays(point, distortion)
+    ideal, lens = float_arrays(point=point, distortion=distortion)
     require_vectors(2, point=ideal)
     if lens.shape not in ((5,), (8,)):
         raise InvalidInputError(
@@ -78,7 +78,7 @@ def undistort(point: Real[HostOrDevice, "2"], distortion: Lens) -> Float[Array, 
 
     Source: the model of Brown (1971) as in `distort`, inverted by Newton's method.
     """
-    bent, lens = float_arrays(point, distortion)
+    bent, lens = float_arrays(point=point, distortion=distortion)
     require_vectors(2, point=bent)
     return _undistort(bent, lens)
 
@@ -127,7 +127,7 @@ def pinhole_pixel(
     Raises:
         InvalidInputError: if point is not one vector, or K one matrix.
     """
-    intrinsics, xyz, lens = float_arrays(K, point, distortion)
+    intrinsics, xyz, lens = float_arrays("distortion", K=K, point=point, distortion=distortion)
     require_vectors(3, point=xyz)
     require_shape(intrinsics, (3, 3), "K")
     normalized, in_front = _normalize(xyz)
@@ -164,7 +164,9 @@ def project(
     Raises:
         InvalidInputError: if point or t is not one vector, or K or R one matrix.
     """
-    intrinsics, rotation, translation, world, distortion = float_arrays(K, R, t, point, distortion)
+    intrinsics, rotation, translation, world, distortion = float_arrays(
+        "distortion", K=K, R=R, t=t, point=point, distortion=distortion
+    )
     require_vectors(3, t=translation, point=world)
     require_shape(intrinsics, (3, 3), "K")
     require_shape(rotation, (3, 3), "R")
@@ -193,7 +195,7 @@ def back_project(
     Raises:
         InvalidInputError: if pixel is not one vector, or K one matrix.
     """
-    intrinsics, at, lens = float_arrays(K, pixel, distortion)
+    intrinsics, at, lens = float_arrays("distortion", K=K, pixel=pixel, distortion=distortion)
     require_vectors(2, pixel=at)
     require_shape(intrinsics, (3, 3), "K")
     normalized = from_pixel(intrinsics, at)

@@ -38,7 +38,7 @@ def grid_ray(
 
     Source: Keys (1981), cubic convolution with quadratic extrapolation at the border.
     """
-    rays, size, at = float_arrays(grid, image_size, pixel)
+    rays, size, at = float_arrays(grid=grid, image_size=image_size, pixel=pixel)
     require_vectors(2, image_size=size, pixel=at)
     return _interpolate(_extend(rays), _to_cells(rays, size, at))
 
@@ -65,7 +65,7 @@ def grid_pixel(
     Raises:
         InvalidInputError: if point is not one vector.
     """
-    rays, size, xyz = float_arrays(grid, image_size, point)
+    rays, size, xyz = float_arrays(grid=grid, image_size=image_size, point=point)
     require_vectors(2, image_size=size)
     require_vectors(3, point=xyz)
     extended = _extend(rays)

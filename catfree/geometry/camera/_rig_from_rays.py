@@ -50,7 +50,7 @@ def rig_from_rays(
         raise InvalidInputError(
             f"source must be a function of a camera and its pixels, got {type(source).__name__}."
         )
-    R, t = np.asarray(as_float(R), np.float64), np.asarray(as_float(t), np.float64)
+    R, t = (np.asarray(as_float(value, name), np.float64) for name, value in (("R", R), ("t", t)))
     require_shape(R, (None, 3, 3), "R")
     count = len(R)
     if not count:

@@ -82,7 +82,8 @@ class Tracker:
             )
         usable(no_boxes(), scene, settings)  # raises if there are too few cameras
         self.scene, self.settings = scene, settings
-        self.lag = math.inf if lag == math.inf else as_duration(lag, "lag")
+        is_endless = isinstance(lag, float) and math.isinf(lag) and lag > 0
+        self.lag = math.inf if is_endless else as_duration(lag, "lag")
         self.reset()
 
     def update(

@@ -19,7 +19,14 @@ from catfree.methods.online._instant_assembler import (
 from catfree.methods.online._tracker import Tracker
 from catfree.methods.online._update import Update
 from catfree.types import Detections, Tracks
-from catfree.types._validation import as_float, parse_json, require_names
+from catfree.types._validation import (
+    as_float,
+    as_instances,
+    is_listed,
+    parse_json,
+    require_instance,
+    require_names,
+)
 
 Record = dict[str, Any]
 
@@ -59,6 +66,10 @@ def watch(
         the end; told once until another one comes) and "error" (`line`, counted from 1, and
         `message`: a line or an instant that could not be used; the next one is read).
     """
+    require_instance(tracker, Tracker, "tracker")
+    if not is_listed(lines):
+        raise InvalidInputError(f"lines must be lines of text, got {type(lines).__name__}.")
+    camera_names = as_instances(camera_names, str, "camera_names")
     require_names(camera_names, tracker.scene.rig.camera_count, distinct=True)
     assembler = InstantAssembler(len(camera_names), frame_rate, timeout)
     silence = _Silence(camera_names, LEAP * max(1.0, 1 / assembler.frame_rate))

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from catfree.types._rig import require_cameras
 from catfree.types._validation import (
+    as_flag,
     as_float,
     as_registered,
     as_rows,
@@ -61,10 +62,15 @@ class Reconstruction(eqx.Module):
             InvalidInputError: naming the first entry with a wrong shape, a value that is not
                 finite, intrinsics that are not valid or a matrix that is not a rotation.
         """
-        self.K, self.R, self.t = (np.asarray(as_float(value)) for value in (K, R, t))
+        self.K, self.R, self.t = (
+            np.asarray(as_float(value, name)) for name, value in (("K", K), ("R", R), ("t", t))
+        )
         self.points = as_rows(points, 3, "points")
-        self.confidence = np.asarray(as_float(confidence))
-        self.scale_is_metric, self.weights_id = bool(scale_is_metric), str(weights_id)
+        self.confidence = np.asarray(as_float(confidence, "confidence"))
+        self.scale_is_metric, self.weights_id = (
+            as_flag(scale_is_metric, "scale_is_metric"),
+            str(weights_id),
+        )
         require_shape(self.t, (None, 3), "t")
         cameras = len(self.t)
         self.registered = as_registered(registered, cameras)

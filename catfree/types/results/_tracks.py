@@ -159,19 +159,25 @@ class Tracks(eqx.Module):
         self.position, self.ground_xy, self.sigma, self.covariance = (
             np.asarray(as_float(values)) for values in (position, ground_xy, sigma, covariance)
         )
-        self.existence = None if existence is None else np.asarray(as_float(existence))
+        self.existence = None if existence is None else np.asarray(as_float(existence, "existence"))
         require_shape(self.frame, (None,), "frame")
         m = len(self.frame)
         blank = np.zeros((m, 0), np.int64)
         self.support = blank if support is None else as_integer(support, "support")
         unknown = np.full((m, 2, 2), np.nan)
-        self.velocity = unknown[:, 0] if velocity is None else np.asarray(as_float(velocity))
+        self.velocity = (
+            unknown[:, 0] if velocity is None else np.asarray(as_float(velocity, "velocity"))
+        )
         self.velocity_covariance = (
-            unknown if velocity_covariance is None else np.asarray(as_float(velocity_covariance))
+            unknown
+            if velocity_covariance is None
+            else np.asarray(as_float(velocity_covariance, "velocity_covariance"))
         )
         self.cameras = None if cameras is None else np.asarray(cameras)
         self.clock = require_clock(clock)
-        self.design_sigma = None if design_sigma is None else np.asarray(as_float(design_sigma))
+        self.design_sigma = (
+            None if design_sigma is None else np.asarray(as_float(design_sigma, "design_sigma"))
+        )
         self.whole_views = None if whole_views is None else as_integer(whole_views, "whole_views")
         self._check(m)
 

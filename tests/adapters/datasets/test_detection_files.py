@@ -304,8 +304,8 @@ def test_numbers_that_are_not_all_names_are_positions(boxes, tmp_path):
         np.testing.assert_array_equal(read.detections.camera, boxes.camera)
     missing = write_csv(tmp_path / "missing.csv", {"frame": [3, 4, 5], "camera": [1, 2, 3]})
     read_missing = cf.adapters.read_missing_pictures
-    assert read_missing(missing, "1234")[:, 1].tolist() == [0, 1, 2]
-    assert read_missing(missing, "2345")[:, 1].tolist() == [1, 2, 3]
+    assert read_missing(missing, list("1234"))[:, 1].tolist() == [0, 1, 2]
+    assert read_missing(missing, list("2345"))[:, 1].tolist() == [1, 2, 3]
     mixed = write_csv(tmp_path / "mixed.csv", {"frame": [3, 4, 5], "camera": ["a", 1, 2]})
     assert read_missing(mixed, ["a", "b", "1"])[:, 1].tolist() == [0, 2, 2]
 

@@ -166,7 +166,7 @@ def test_dropped_frames_are_told():
     text = [line("a", 0.5, []), line("a", 0.51, [])]
     text += [line(name, 0.5, []) for name in "bcd"]
     tracker = Tracker(world.true_scene, lag=0)
-    dropped, final, now = list(watch(text, tracker, "abcd", frame_rate=10))
+    dropped, final, now = list(watch(text, tracker, list("abcd"), frame_rate=10))
     assert dropped == {"type": "dropped", "camera": "a", "time": 0.5, "reason": "replaced"}
     assert (final["type"], final["people"]) == ("final", [])
     assert (now["type"], now["people"]) == ("provisional", [])
@@ -179,7 +179,7 @@ def test_what_cannot_be_used_is_told_and_the_next_line_is_read():
     text.append('{"camera": "a", "time": 0.6, "boxes": [[0, 0, 1, 1' + "0" * 400 + "]]}")
     text += [line("a", 0.7, [[0, 0, 9, 30]] * 1001)] + [line(name, 0.7, []) for name in "bcd"]
     text += [line(name, 0.8, []) for name in "abcd"] + [line("a", 0.5, [])]
-    records = list(watch(text, Tracker(world.true_scene), "abcd", frame_rate=10))
+    records = list(watch(text, Tracker(world.true_scene), list("abcd"), frame_rate=10))
     errors = [(r["line"], r["message"]) for r in records if r["type"] == "error"]
     assert [number for number, _ in errors] == [5, 9]
     assert "boxes must be a list" in errors[0][1]
@@ -196,7 +196,7 @@ def test_an_instant_that_cannot_be_used_ends_neither_the_stream_nor_the_next_ins
 
     def kinds(text, **options):
         tracker = Tracker(world.true_scene)
-        records = list(watch(text, tracker, "abcd", frame_rate=10, **options))
+        records = list(watch(text, tracker, list("abcd"), frame_rate=10, **options))
         assert [record["line"] for record in records if record["type"] == "error"] == [5]
         return [record["type"] for record in records]
 
@@ -226,7 +226,7 @@ def test_cameras_that_are_silent_for_long_are_told_once(heard, told):
         if first <= time <= last
     ]
     tracker = Tracker(make_world("ring4", frames=2, people=2).true_scene)
-    records = list(watch(text, tracker, "abcd", frame_rate=1))
+    records = list(watch(text, tracker, list("abcd"), frame_rate=1))
     silent = [(r["camera"], r["time"]) for r in records if r["type"] == "silent"]
     assert silent == told
 
@@ -236,4 +236,4 @@ def test_every_camera_of_the_scene_needs_a_name():
     with pytest.raises(InvalidInputError, match="has 2 names, but there are 4 cameras"):
         list(watch([], tracker, ["a", "b"], frame_rate=5))
     with pytest.raises(InvalidInputError, match="the same name"):
-        list(watch([], tracker, "abca", frame_rate=5))
+        list(watch([], tracker, list("abca"), frame_rate=5))

@@ -11,7 +11,7 @@ from catfree.adapters.files._text_rows import read_rows
 from catfree.adapters.tables.tracks._tracked_rows import tracked
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Tracks
-from catfree.types._validation import as_count, as_positive
+from catfree.types._validation import as_count, as_integer, as_positive, require_shape
 from catfree.types.results._tracks import supporting_boxes
 
 _PERSON = 0  # class of people, 2025
@@ -58,10 +58,10 @@ def write_ai_city_tracks(
             f"Cannot write {path}: frame {kept.frame.min()} is negative, but frames count from 0."
         )
     xy = np.asarray(kept.ground_xy, np.float64)
+    scene = as_count(scene_id, "scene_id")
+    height = as_positive(person_height, "person_height")
+    width = as_positive(person_width, "person_width")
     if detections is None:
-        scene = as_count(scene_id, "scene_id")
-        height = as_positive(person_height, "person_height")
-        width = as_positive(person_width, "person_width")
         shape = f"{height / 2!r} {width!r} {width!r} {height!r} 0.0"
         lines = [
             f"{scene} {_PERSON} {person + 1} {frame} {x!r} {y!r} {shape}"
@@ -72,9 +72,8 @@ def write_ai_city_tracks(
         return write_text_atomically(path, "\n".join([*lines, ""]))
     row, camera, box = supporting_boxes(kept, detections)
     count = kept.support.shape[1]
-    numbers = range(1, count + 1) if camera_ids is None else camera_ids
-    if len(numbers) != count:
-        raise InvalidInputError(f"Got {len(numbers)} camera_ids for {count} cameras.")
+    numbers = range(1, count + 1) if camera_ids is None else as_integer(camera_ids, "camera_ids")
+    require_shape(numbers, (count,), "camera_ids")
     corner = np.floor(detections.box[box, :2])
     pixels = np.column_stack([corner, np.ceil(detections.box[box, 2:]) - corner]).astype(int)
     lines = []

@@ -42,6 +42,7 @@ class KnownDistance:
         Raises:
             InvalidInputError: if a value is missing, not finite or not positive.
         """
+        _require_camera(self)
         pixels = _numbers(self.pixels, "pixels of a KnownDistance", (2, 2))
         if (pixels[0] == pixels[1]).all():
             raise InvalidInputError("The two pixels of a KnownDistance are the same point.")
@@ -85,15 +86,16 @@ class KnownCamera:
         Raises:
             InvalidInputError: if nothing is known, or a value is invalid.
         """
+        _require_camera(self)
         known = (self.height, self.focal, self.position, self.longitude, self.rotation)
         if all(value is None for value in known):
             raise InvalidInputError(
                 f"KnownCamera({quoted(self.camera)}) states nothing; give its height, focal, "
                 "position, longitude and latitude, or rotation."
             )
-        for name in ("height", "focal", "height_sd", "focal_sd", "position_sd", "rotation_sd"):
-            if getattr(self, name) is not None:
-                as_positive(getattr(self, name), f"{name} of a KnownCamera")
+        stated = (name for name in ("height", "focal") if getattr(self, name) is not None)
+        for name in (*stated, "height_sd", "focal_sd", "position_sd", "rotation_sd"):
+            as_positive(getattr(self, name), f"{name} of a KnownCamera")
         if self.position is not None:
             _numbers(self.position, "position of a KnownCamera", (2,), (3,))
         _require_place(self)
@@ -132,6 +134,7 @@ class SurveyedPoint:
         Raises:
             InvalidInputError: if a value is missing or invalid.
         """
+        _require_camera(self)
         _numbers(self.pixel, "pixel of a SurveyedPoint", (2,))
         if self.position is not None:
             _numbers(self.position, "position of a SurveyedPoint", (2,))
@@ -331,6 +334,15 @@ def _require_place(anchor: KnownCamera | SurveyedPoint) -> None:
             raise InvalidInputError(
                 f"A {kind} has a position or a longitude and latitude, not both."
             )
+
+
+def _require_camera(anchor: Anchor) -> None:
+    is_index = isinstance(anchor.camera, int | np.integer) and not isinstance(anchor.camera, bool)
+    if not is_index and not isinstance(anchor.camera, str):
+        raise InvalidInputError(
+            f"camera of a {type(anchor).__name__} is {quoted(anchor.camera)}; it must be the index "
+            "or the name of one."
+        )
 
 
 def _numbers(values: object, name: str, *shapes: tuple[int, ...]) -> Float[np.ndarray, "..."]:
