@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from catfree.calibration.people._box_grid import BoxGrid, grid_boxes
 from catfree.calibration.people._radial_lens import RadialLenses
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_camera
 from catfree.calibration.people.cameras._single_view import fit_planes
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
@@ -38,6 +39,7 @@ class Workspace:
         self.voting = grid.thinned(settings.voting_frames)
         self.scoring = grid.thinned(settings.scoring_frames)
         self._planes: dict[tuple[int, float], Float[np.ndarray, "plane 7"]] = {}
+        self._maps: dict[tuple[int, int, bytes], GroundMap] = {}
 
     def planes(self, camera: int, log_focal: float) -> Float[np.ndarray, "plane 7"]:
         """Single-view planes of a camera at a focal length, cached."""
@@ -45,6 +47,13 @@ class Workspace:
         if key not in self._planes:
             self._planes[key] = fit_planes(self.grid, camera, np.exp(log_focal), self.settings)
         return self._planes[key]
+
+    def local_map(self, grid: BoxGrid, camera: int, plane: Float[np.ndarray, "7"]) -> GroundMap:
+        """Map of a camera's people by one of its planes, on `voting` or `scoring`, cached."""
+        key = (grid.frame_count, camera, plane.tobytes())
+        if key not in self._maps:
+            self._maps[key] = map_camera(grid, camera, plane, self.settings, RANGE_ERRORS[0])
+        return self._maps[key]
 
 
 def prepare(

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_camera
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, moved_map, vote
@@ -56,7 +56,7 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
     for share in settings.focal_shares:
         targets, sources = (
             [
-                (plane, map_camera(work.voting, c, plane, settings, RANGE_ERRORS[0]))
+                (plane, work.local_map(work.voting, c, plane))
                 for plane in work.planes(c, float(np.log(share * longest[c])))
             ]
             for c in (one, two)
@@ -71,10 +71,8 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         likeliest = sorted(found, key=lambda item: -item[0])[:count]
         found = []
         for _, placement, p, q in likeliest:
-            target, source = (
-                map_camera(grid, c, plane, settings, RANGE_ERRORS[0])
-                for c, plane in ((one, p), (two, q))
-            )
+            target = work.local_map(grid, one, p)
+            source = work.local_map(grid, two, q)
             placement = _settle(target, source, placement, settings.match_gate)
             state = pair(p, placement.place(q))
             verdict = judge_camera(
