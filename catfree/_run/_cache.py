@@ -6,7 +6,7 @@ import hashlib
 import os
 import types
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +14,8 @@ import numpy as np
 
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.errors import FileFormatError, InvalidInputError, WriteError
-from catfree.types import Localization
+from catfree.settings import Settings
+from catfree.types import Detections, Localization, Scene
 from catfree.types._archive import arguments_of, load_arrays, naming_file, save_arrays
 from catfree.types._validation import options_of, require_declared_types
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned
@@ -81,8 +82,7 @@ def cached(
     stage: str,
     kind: type[T],
     compute: Callable[[], T],
-    follows_from: Sequence[str],
-    **parameters: object,
+    **inputs: Any,
 ) -> T:
     """Return the result of `compute()`, from the cache if an earlier run stored it.
 
@@ -91,21 +91,52 @@ def cached(
         stage: the stage's name.
         kind: the dataclass that `compute` returns.
         compute: called only if there is no stored result.
-        follows_from: content hashes that the result follows from, besides the code.
-        **parameters: that it follows from.
+        **inputs: what the result follows from, besides the code: detections, scene and settings,
+            what has a fingerprint, and what JSON can hold.
 
     Raises:
+        InvalidInputError: as `fingerprint_of`.
         WriteError: if the result cannot be stored.
     """
     if cache is None:
         return compute()
-    key = hash_parameters(stage, code_hash(), *follows_from, **parameters)
+    key = hash_parameters(stage, code_hash(), **{n: _told_apart(n, v) for n, v in inputs.items()})
     stored = cache.load(stage, key, kind)
     if stored is not None:
         return stored
     value = compute()
     cache.store(stage, key, value)
     return value
+
+
+def _told_apart(name: str, value: Any) -> Any:
+    """What tells an input of a stage from others, in a form that JSON can hold."""
+    if isinstance(value, Detections | Scene | Settings):
+        return content_hash(value)
+    is_plain = value is None or isinstance(value, str | int | float | list | tuple)
+    return value if is_plain else fingerprint_of(value, name)
+
+
+def fingerprint_of(part: Any, role: str) -> str:
+    """Return the content hash of a detector, embedder or reconstructor; empty for None.
+
+    Args:
+        part: the detector, embedder or reconstructor, or None.
+        role: what the part is, for the message.
+
+    Raises:
+        InvalidInputError: if it has none, so that results of different parts cannot be told apart.
+    """
+    if part is None:
+        return ""
+    fingerprint = getattr(part, "fingerprint", None)
+    if not isinstance(fingerprint, str) or not fingerprint:
+        raise InvalidInputError(
+            f"The {role} {type(part).__name__} has no fingerprint, so its results cannot be "
+            "cached. Give it a property `fingerprint` that identifies weights and parameters, or "
+            "run without cache_dir."
+        )
+    return fingerprint
 
 
 def save_value(path: Path, value: Any) -> Path:

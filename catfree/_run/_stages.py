@@ -1,16 +1,14 @@
 """The stages of a run after detection, each loaded from the cache if an earlier run finished it."""
 
 import dataclasses
-import hashlib
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Int
 
-from catfree._run._cache import StageCache, cached, content_hash
+from catfree._run._cache import StageCache, cached
 from catfree._run._input_checks import tiny_boxes
 from catfree._run._stitch import stitch_tracks
-from catfree._run.detection._cached_detection import fingerprint_of
 from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree._run.detection._second_look import expected_people, look_again
 from catfree.adapters.datasets._detection_files import CameraBoxes
@@ -99,8 +97,9 @@ def calibrate_cameras(
             stage,
             Calibration,
             step,
-            (content_hash(detections), *names),
-            settings=dataclasses.asdict(settings),
+            detections=detections,
+            camera_names=names,
+            settings=settings,
             image_size=size.tolist(),
             maximum_offset=maximum_offset,
         )
@@ -125,16 +124,14 @@ def reconstruct(
     progress: Progress | None = None,
 ) -> Scene:
     """Second stage with a reconstructor: aggregate several instants to one static rig."""
-    keys = ()
-    if cache is not None:
-        weights = fingerprint_of(reconstructor, "reconstructor")
-        keys = (videos.fingerprint, weights, content_hash(detections))
     return cached(
         cache,
         "scene",
         Scene,
         lambda: scene_from_videos(videos, reconstructor, detections, progress),
-        keys,
+        videos=videos,
+        reconstructor=reconstructor,
+        detections=detections,
     )
 
 
@@ -151,15 +148,15 @@ def refine_cameras(
     Returns:
         The refined scene; or, with a sentence that says why, the given one.
     """
-    keys = (content_hash(detections), content_hash(scene))
     try:
         refined = cached(
             cache,
             "refinement",
             Scene,
             lambda: refine(detections, scene, settings, progress=progress).scene,
-            keys,
-            settings=dataclasses.asdict(settings),
+            detections=detections,
+            scene=scene,
+            settings=settings,
         )
     except InsufficientDataError as error:
         return scene, (f"The cameras were not adjusted to the people. {error}",)
@@ -205,12 +202,18 @@ def detect_again(
         expected = expected_people(first, detections, scene)
         return look_again(videos, cameras, embedder, expected, detections)
 
-    keys = (content_hash(detections), content_hash(scene))
-    if cache is not None:
-        finder = fingerprint_of(cameras.detector, "detector")
-        keys = (videos.fingerprint, finder, fingerprint_of(embedder, "embedder"), *keys)
-    options = dataclasses.asdict(settings)
-    return cached(cache, "second-look", Detections, look, keys, settings=options)
+    return cached(
+        cache,
+        "second-look",
+        Detections,
+        look,
+        videos=videos,
+        detector=cameras.detector,
+        embedder=embedder,
+        detections=detections,
+        scene=scene,
+        settings=settings,
+    )
 
 
 def everywhere(settings: Settings) -> Settings:
@@ -245,10 +248,11 @@ def localize_people(
         "localization",
         Localization,
         lambda: _localize(detections, scene, settings, silent, progress, camera_names),
-        (content_hash(detections), content_hash(scene)),
-        settings=dataclasses.asdict(settings),
-        silent=None if silent is None else hashlib.sha256(silent.tobytes()).hexdigest(),
-        camera_names=None if camera_names is None else list(camera_names),
+        detections=detections,
+        scene=scene,
+        settings=settings,
+        silent=None if silent is None else silent.tolist(),
+        camera_names=camera_names,
     )
 
 

@@ -113,7 +113,7 @@ def test_a_stored_result_is_not_computed_again(tmp_path):
         return Inner(np.arange(3.0))
 
     first, second, other = (
-        cached(StageCache(tmp_path), "stage", Inner, compute, [content])
+        cached(StageCache(tmp_path), "stage", Inner, compute, content=content)
         for content in ("a", "a", "b")
     )
     assert len(calls) == 2
@@ -130,13 +130,13 @@ def test_a_damaged_file_counts_as_absent(tmp_path_factory, data):
         calls.append(1)
         return Inner(np.arange(50.0), "note")
 
-    cached(cache, "stage", Inner, compute, ["a"])
+    cached(cache, "stage", Inner, compute, content="a")
     (path,) = cache.folder.iterdir()
     content = path.read_bytes()
     cut = data.draw(st.integers(0, len(content) - 1))
     path.write_bytes(content[:cut])
     for _ in range(2):
-        cached(cache, "stage", Inner, compute, ["a"])
+        cached(cache, "stage", Inner, compute, content="a")
     assert len(calls) == 2
     assert path.read_bytes() == content
 

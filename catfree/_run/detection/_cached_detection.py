@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, islice
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from catfree._run._cache import StageCache, code_hash
+from catfree._run._cache import StageCache, code_hash, fingerprint_of
 from catfree._run.detection._camera_detectors import CameraDetectors, Instant
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (
@@ -26,7 +25,7 @@ from catfree.adapters.video._detect_videos import (
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, join_descriptions
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError
 from catfree.types import Detections
 from catfree.types._detections import concatenate_common
 from catfree.types._sampling import rows_of_picture
@@ -135,28 +134,6 @@ def detect_with_cache(
         if videos.interruption is not None:
             break
     return _join([piece for piece in pieces if piece.complete], videos)
-
-
-def fingerprint_of(part: Any, role: str) -> str:
-    """Return the content hash of a detector, embedder or reconstructor; empty for None.
-
-    Args:
-        part: the detector, embedder or reconstructor, or None.
-        role: what the part is, for the message.
-
-    Raises:
-        InvalidInputError: if it has none, so that results of different parts cannot be told apart.
-    """
-    if part is None:
-        return ""
-    fingerprint = getattr(part, "fingerprint", None)
-    if not isinstance(fingerprint, str) or not fingerprint:
-        raise InvalidInputError(
-            f"The {role} {type(part).__name__} has no fingerprint, so its results cannot be "
-            "cached. Give it a property `fingerprint` that identifies weights and parameters, or "
-            "run without cache_dir."
-        )
-    return fingerprint
 
 
 def _pieces(

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from catfree._run._cache import code_hash, content_hash, save_value
+from catfree._run._cache import code_hash, content_hash, fingerprint_of, save_value
 from catfree._run._run import run_stages
 from catfree._run._stages import everywhere, localize_people
 from catfree._run._stitch import Fragments, Habits, collect_fragments, learn_habits
-from catfree._run.detection._cached_detection import fingerprint_of
 from catfree._run.sharded._receipt import (
     SCENE_FILE,
     SCHEMA,
