@@ -97,27 +97,22 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
     """
     localization.require_detections(detections)
     tracks = localization.tracks
-    if len(np.unique(tracks.track_id)) < 2:
-        return localization
-    fragments, halves = collect_fragments(tracks, detections, localization.identity)
-    follower = link_fragments(fragments, learn_habits(tracks, fragments, halves))
+    fragments, habits = learn_fragments(tracks, detections, localization.identity)
+    follower = link_fragments(fragments, habits)
     return eqx.tree_at(
         lambda result: result.tracks, localization, join_fragments(tracks, fragments, follower)
     )
 
 
-def collect_fragments(
+def learn_fragments(
     tracks: Tracks, detections: Detections, shown: Int[np.ndarray, " n"]
-) -> tuple[Fragments, Float[np.ndarray, "k 2 d"]]:
-    """Collect start, end and appearance of each track.
+) -> tuple[Fragments, Habits]:
+    """Collect start, end and appearance of each track, and what the tracks teach.
 
     Args:
-        tracks: positions sorted by frame.
+        tracks: positions of one part of a recording, sorted by frame.
         detections: person boxes.
         shown: (N,) track id of each box, or -1.
-
-    Returns:
-        The fragments, and (K, 2, D) the looks of their earlier and later halves.
     """
     identity = np.unique(tracks.track_id)
     rows = [np.flatnonzero(tracks.track_id == track) for track in identity]
@@ -144,26 +139,15 @@ def collect_fragments(
         begin_sigma=tracks.sigma[first],
         end_sigma=tracks.sigma[last],
         boxes=np.array(boxes, np.int64),
-        looks=np.array(looks, np.float64).reshape(-1, width),
+        looks=np.array(looks, np.float64).reshape(len(identity), width),
     )
-    return fragments, np.array(halves, np.float64).reshape(-1, 2, width)
-
-
-def learn_habits(
-    tracks: Tracks, fragments: Fragments, halves: Float[np.ndarray, "k 2 d"]
-) -> Habits:
-    """Sum up how people of one part of a recording move and look.
-
-    Args:
-        tracks: the positions of that part.
-        fragments: the fragments that they consist of.
-        halves: (K, 2, D) the looks of their earlier and later halves.
-    """
     square, pairs = squared_displacement(tracks)
     any_row = len(tracks) > 0
     frames = int(tracks.frame.max() - tracks.frame.min()) + 1 if any_row else 0
-    alike, unlike = _look_distances(fragments, halves)
-    return Habits(
+    alike, unlike = _look_distances(
+        fragments, np.array(halves, np.float64).reshape(len(identity), 2, width)
+    )
+    habits = Habits(
         square=square,
         pairs=pairs,
         variance=len(tracks) * float(np.median(tracks.sigma**2)) if any_row else 0.0,
@@ -176,6 +160,7 @@ def learn_habits(
         alike=_moments(alike),
         unlike=_moments(unlike),
     )
+    return fragments, habits
 
 
 def add_habits(parts: Sequence[Habits]) -> Habits:

@@ -15,6 +15,19 @@ Pairs = tuple[Int[np.ndarray, "..."], Int[np.ndarray, "..."]]  # of different le
 
 
 @dataclass(frozen=True)
+class ShardSummary:
+    """What joining needs to know of a shard's tracks besides their positions.
+
+    Attributes:
+        fragments: the tracks within the frames that the shard reports.
+        habits: what they teach about motion and appearance.
+    """
+
+    fragments: Fragments
+    habits: Habits
+
+
+@dataclass(frozen=True)
 class Identities:
     """The identity of each track of each shard.
 
@@ -38,17 +51,15 @@ class Identities:
         return self.identity[at], self.stop[at]
 
 
-def identify_recording(
-    fragments: Sequence[Fragments], habits: Sequence[Habits], matched: Sequence[Pairs]
-) -> Identities:
+def identify_recording(summaries: Sequence[ShardSummary], matched: Sequence[Pairs]) -> Identities:
     """Join the tracks of all shards by their matches, then by looks and motion across gaps.
 
     Args:
-        fragments: of each shard, in order of time.
-        habits: of each shard.
+        summaries: of the shards, in order of time.
         matched: for each shard but the last, the identities in it and in the next one of the pairs
             that are one person.
     """
+    fragments = [summary.fragments for summary in summaries]
     count = [len(part) for part in fragments]
     shard = np.repeat(np.arange(len(fragments)), count)
     table = _concatenate(fragments)
@@ -64,7 +75,8 @@ def identify_recording(
     links = coo_array((np.ones(len(before)), (before, after)), shape=(len(table), len(table)))
     _, person = connected_components(links, directed=False)
     people = _merge(table, person)
-    first_of, stop = chains(people, link_fragments(people, add_habits(habits)))
+    habits = add_habits([summary.habits for summary in summaries])
+    first_of, stop = chains(people, link_fragments(people, habits))
     order = np.lexsort((*people.begin.T[::-1], people.begin_sigma, people.first))
     roots = order[first_of[order] == order]
     number = np.empty(len(people), np.int64)

@@ -13,7 +13,12 @@ from jaxtyping import Bool, Float
 import catfree
 from catfree._run._cache import load_value
 from catfree._run.sharded._from_json import from_json
-from catfree._run.sharded._identities import Identities, Pairs, identify_recording
+from catfree._run.sharded._identities import (
+    Identities,
+    Pairs,
+    ShardSummary,
+    identify_recording,
+)
 from catfree._run.sharded._overlap import match_tracks
 from catfree._run.sharded._plan_file import read_plan
 from catfree._run.sharded._receipt import (
@@ -28,7 +33,7 @@ from catfree._run.sharded._receipt import (
     require_intact,
     require_scene_file,
 )
-from catfree._run.sharded._run_shard import PLACES, ShardSummary
+from catfree._run.sharded._run_shard import PLACES
 from catfree._run.sharded._shard import Shard
 from catfree._run.sharded._stored_tracks import StoredTracks, open_tracks
 from catfree.adapters.calibration_files._rig_json import read_scene_json
@@ -102,9 +107,7 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
     (folder / MANIFEST).unlink(missing_ok=True)  # it says that the table is complete
     summaries = [load_value(files_of(folder, r.index).fragments, ShardSummary) for r in receipts]
     matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]
-    identities = identify_recording(
-        [summary.fragments for summary in summaries], [s.habits for s in summaries], matched
-    )
+    identities = identify_recording(summaries, matched)
     area = _learn_area(folder, receipts)
     numbers = np.full(int(identities.identity.max(initial=-1)) + 1, -1)
     parts = [

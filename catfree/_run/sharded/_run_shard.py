@@ -13,7 +13,8 @@ import numpy as np
 from catfree._run._cache import code_hash, content_hash, fingerprint_of, save_value
 from catfree._run._run import run_stages
 from catfree._run._stages import everywhere, localize_people
-from catfree._run._stitch import Fragments, Habits, collect_fragments, learn_habits
+from catfree._run._stitch import learn_fragments
+from catfree._run.sharded._identities import ShardSummary
 from catfree._run.sharded._receipt import (
     SCENE_FILE,
     SCHEMA,
@@ -50,19 +51,6 @@ if TYPE_CHECKING:
     import pyarrow
 
 PLACES = ("design_sigma", "whole_views")  # columns that the joined table does not have
-
-
-@dataclasses.dataclass(frozen=True)
-class ShardSummary:
-    """What joining needs to know of a shard's tracks besides their positions.
-
-    Attributes:
-        fragments: the tracks within the frames that the shard reports.
-        habits: what they teach about motion and appearance.
-    """
-
-    fragments: Fragments
-    habits: Habits
 
 
 def run_shard(
@@ -168,9 +156,7 @@ def write_shard(
     reported = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
     is_reported = (detections.frame >= shard.first) & (detections.frame < shard.stop)
     shown = np.where(is_reported, localization.identity, -1)
-    fragments, halves = collect_fragments(reported, detections, shown)
-    habits = learn_habits(reported, fragments, halves)
-    save_value(files.fragments, ShardSummary(fragments, habits))
+    save_value(files.fragments, ShardSummary(*learn_fragments(reported, detections, shown)))
     receipt = Receipt(
         schema=SCHEMA,
         index=shard.index,
