@@ -198,7 +198,7 @@ def detect_again(
     def look() -> Detections:
         if not all(isinstance(one, GuidedDetector) for one in cameras.fitted):
             return detections
-        first = _localize(detections, scene, settings, videos.silent, progress)
+        first = localize_people(detections, scene, settings, videos.silent, progress=progress)
         expected = expected_people(first, detections, scene)
         return look_again(videos, cameras, embedder, expected, detections)
 
@@ -243,30 +243,23 @@ def localize_people(
         cache: holds a finished localization.
         progress: called as `progress(stage, done, total)`.
     """
+
+    def track() -> Localization:
+        localization = localize(
+            detections, scene, settings, progress, silent=silent, camera_names=camera_names
+        )
+        if settings.method == "paper":
+            return localization
+        return stitch_tracks(localization, detections)
+
     return cached(
         cache,
         "localization",
         Localization,
-        lambda: _localize(detections, scene, settings, silent, progress, camera_names),
+        track,
         detections=detections,
         scene=scene,
         settings=settings,
         silent=None if silent is None else silent.tolist(),
         camera_names=camera_names,
     )
-
-
-def _localize(
-    detections: Detections,
-    scene: Scene,
-    settings: Settings,
-    silent: Int[np.ndarray, "k 2"] | None,
-    progress: Progress | None,
-    camera_names: Sequence[str] | None = None,
-) -> Localization:
-    localization = localize(
-        detections, scene, settings, progress, silent=silent, camera_names=camera_names
-    )
-    if settings.method == "paper":
-        return localization
-    return stitch_tracks(localization, detections)
