@@ -29,39 +29,40 @@ class ShardSummary:
 
 @dataclass(frozen=True)
 class Identities:
-    """The identity of each track of each shard.
+    """The identities of the tracks of a shard in the recording.
 
     Attributes:
-        shard: (K,) position of the shard, sorted.
-        local: (K,) identity within the shard, sorted within each.
+        local: (K,) identity within the shard, sorted.
         identity: (K,) identity in the recording, counted from 0 in the order in which people
             first appear.
         stop: (K,) frame before which the track ends, because the person goes on as another one.
     """
 
-    shard: Int[np.ndarray, " k"]
     local: Int[np.ndarray, " k"]
     identity: Int[np.ndarray, " k"]
     stop: Int[np.ndarray, " k"]
 
-    def of(self, shard: int, local: Int[np.ndarray, " m"]) -> Pairs:
-        """(M,) identity and (M,) stop of tracks of one shard; each must be known."""
-        begin, end = np.searchsorted(self.shard, [shard, shard + 1])
-        at = begin + np.searchsorted(self.local[begin:end], local)
+    def of(self, local: Int[np.ndarray, " m"]) -> Pairs:
+        """(M,) identity and (M,) stop of tracks of the shard; each must be known."""
+        at = np.searchsorted(self.local, local)
         return self.identity[at], self.stop[at]
 
 
-def identify_recording(summaries: Sequence[ShardSummary], matched: Sequence[Pairs]) -> Identities:
+def identify_recording(
+    summaries: Sequence[ShardSummary], matched: Sequence[Pairs]
+) -> list[Identities]:
     """Join the tracks of all shards by their matches, then by looks and motion across gaps.
 
     Args:
         summaries: of the shards, in order of time.
         matched: for each shard but the last, the identities in it and in the next one of the pairs
             that are one person.
+
+    Returns:
+        The identities of each shard.
     """
     fragments = [summary.fragments for summary in summaries]
     count = [len(part) for part in fragments]
-    shard = np.repeat(np.arange(len(fragments)), count)
     table = _concatenate(fragments)
     begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     paired = [np.zeros((2, 0), np.int64)]
@@ -81,7 +82,9 @@ def identify_recording(summaries: Sequence[ShardSummary], matched: Sequence[Pair
     roots = order[first_of[order] == order]
     number = np.empty(len(people), np.int64)
     number[roots] = np.arange(len(roots))
-    return Identities(shard, table.identity, number[first_of[person]], stop[person])
+    columns = (table.identity, number[first_of[person]], stop[person])
+    by_shard = [np.split(column, begin[1:-1]) for column in columns]
+    return [Identities(*parts) for parts in zip(*by_shard, strict=True)]
 
 
 def _merge(table: Fragments, person: Int[np.ndarray, " k"]) -> Fragments:

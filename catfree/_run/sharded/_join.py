@@ -109,10 +109,11 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
     matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]
     identities = identify_recording(summaries, matched)
     area = _learn_area(folder, receipts)
-    numbers = np.full(int(identities.identity.max(initial=-1)) + 1, -1)
+    last = max(int(part.identity.max(initial=-1)) for part in identities)
+    numbers = np.full(last + 1, -1)
     parts = [
-        _write_joined(folder, receipt, identities, area, numbers, camera_names)
-        for receipt in receipts
+        _write_joined(folder, receipt, part, area, numbers, camera_names)
+        for receipt, part in zip(receipts, identities, strict=True)
     ]
     for stale in folder.glob("part-*.parquet"):
         if stale.name not in {part["file"] for part in parts}:
@@ -262,7 +263,7 @@ def _write_joined(
     Args:
         folder: of the recording.
         receipt: of the shard, whose predecessors have been written.
-        identities: of all shards.
+        identities: of its tracks.
         area: outside of which nobody is reported, or None.
         numbers: (K,) number of each identity in the table, -1 before it appears; those that appear
             in this shard are written to it.
@@ -277,7 +278,7 @@ def _write_joined(
         reported &= np.isnan(coverage[:, 0]) | area(coverage)
     tracked = np.flatnonzero(reported & (local >= 0))
     identity = np.full(len(local), -1)
-    identity[tracked], stop = identities.of(receipt.index, local[tracked])
+    identity[tracked], stop = identities.of(local[tracked])
     reported[tracked] = frame[tracked] < stop
     rows = np.flatnonzero(reported)
     frame, identity = frame[rows], identity[rows]
