@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._receipt import (
     MANIFEST,
     MANIFEST_SCHEMA,
@@ -128,7 +129,7 @@ def open_tracks(out: StrPath) -> StoredTracks:
             f"{folder} has no {MANIFEST}: its shards have not been joined. Run cf.join first."
         )
     with document_of(path, MANIFEST_SCHEMA, "manifest", "Join the shards again.") as document:
-        clock = Clock(**{key: document["clock"][key] for key in ("frame_rate", "start", "utc")})
+        clock = from_json(Clock, document["clock"], "clock")
         parts = tuple(_part(folder, row) for row in document["parts"])
         people, sha256 = int(document["people"]), document["scene_file"]
     scene, names = read_scene_json(require_scene_file(folder, sha256))
