@@ -47,9 +47,9 @@ if TYPE_CHECKING:
 # TrackEval matches two squares at an IoU of 0.5. In a scene of unknown scale the matching distance
 # is the longest step of a track between frames.
 MATCHING_METERS = 1.0
-# With files, within the result folder.
-FOLDERS = ("", "boxes", "pictures", "pictures/instants", "rig", "rig/colmap")
 INSTANTS, OVERLAY_FILE = "pictures/instants", "overlay.webm"
+# With files, within the result folder.
+FOLDERS = ("", "boxes", "pictures", INSTANTS, "rig", "rig/colmap")
 LOCALIZATION_FILE = "localization.npz"
 TABLE_FILE, MOT_FILE = "tracks.csv", "tracks_mot.txt"
 PICTURES = (

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import typing
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +11,10 @@ from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._shard import Shard
 from catfree.adapters.files._documents import StrPath, document_of, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.settings._settings import Method
 from catfree.types._validation import as_path
 
-METHODS = ("default", "paper", "evidence")
+METHODS = ("default", *typing.get_args(Method))
 _SCHEMA = "catfree plan 1"
 
 
