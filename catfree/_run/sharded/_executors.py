@@ -24,7 +24,7 @@ from catfree.types._validation import as_count, as_instances, as_path, require_i
 MEMORY_PER_WORKER = 1.5e9  # bytes for a shard of ten minutes
 RETRIES = 2  # of a shard whose Dask worker died
 
-Recording = tuple[str, str]  # site and date
+RecordingKey = tuple[str, str]  # site and date
 
 
 def run_shards(
@@ -71,9 +71,9 @@ def run_shards(
     recordings = _by_recording(plan)
     scenes = {key: _scene_of(scene, key[0]) for key in recordings}
     report = progress or no_progress
-    failed: dict[Recording, CatFreeError] = {}
+    failed: dict[RecordingKey, CatFreeError] = {}
     waiting = {key: len(parts) for key, parts in recordings.items()}
-    joined: dict[Recording, StoredTracks] = {}
+    joined: dict[RecordingKey, StoredTracks] = {}
     with executor_for(executor) as pool:
         tasks: dict[Future[Any], Shard] = {}
         for shard in plan:
@@ -210,8 +210,8 @@ def error_of(task: Future[Any], name: str) -> CatFreeError | None:
     return reason
 
 
-def _by_recording(plan: Sequence[Shard]) -> dict[Recording, list[Shard]]:
-    recordings: dict[Recording, list[Shard]] = {}
+def _by_recording(plan: Sequence[Shard]) -> dict[RecordingKey, list[Shard]]:
+    recordings: dict[RecordingKey, list[Shard]] = {}
     for shard in as_instances(plan, Shard, "plan"):
         recordings.setdefault((shard.site, shard.date), []).append(shard)
     if not recordings:

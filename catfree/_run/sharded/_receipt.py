@@ -118,7 +118,7 @@ def remove_beyond(folder: StrPath, count: int) -> None:
             path.unlink()
 
 
-def is_finished(files: ShardFiles, shard: Shard, run: str) -> Receipt | None:
+def finished_receipt(files: ShardFiles, shard: Shard, run: str) -> Receipt | None:
     """Return the receipt of a shard if it matches, and its files are what the receipt says."""
     try:
         receipt = read_receipt(files.receipt)

@@ -22,7 +22,7 @@ from catfree._run.sharded._receipt import (
     Receipt,
     ShardFiles,
     files_of,
-    is_finished,
+    finished_receipt,
     recording_folder,
     write_receipt,
 )
@@ -98,7 +98,7 @@ def run_shard(
     run = run_fingerprint(scene, settings, detector, embedder)
     folder = recording_folder(out, shard.site, shard.date)
     files = files_of(folder, shard.index)
-    finished = is_finished(files, shard, run)
+    finished = finished_receipt(files, shard, run)
     if finished is not None:
         return finished
     names = names_of_files(list(map(Path, shard.videos))) or shard.camera_names or None

@@ -339,7 +339,7 @@ def require_unchanged(shard: Shard) -> None:
     """
     boxes = shard.detections
     recording = boxes if isinstance(boxes, str) else shard.videos
-    if recording and _hash_of_recording(recording) != shard.source:
+    if _hash_of_recording(recording) != shard.source:
         name = recording if isinstance(recording, str) else ", ".join(recording)
         raise InvalidInputError(
             f"{name} changed after {shard.name} was planned. Make the plan again with cf.shards."
