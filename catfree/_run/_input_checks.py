@@ -1,4 +1,4 @@
-"""Checks of the input of a run.
+"""What the cameras recorded, and checks of the input of a run.
 
 Fatal mistakes raise; others become warnings.
 """
@@ -23,7 +23,7 @@ from catfree.adapters.files._camera_names import (
     numbered_names,
     positions_of,
 )
-from catfree.adapters.files._documents import IMAGE_SUFFIXES
+from catfree.adapters.files._documents import IMAGE_SUFFIXES, StrPath
 from catfree.adapters.files._fingerprint import hash_samples
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._video_sources import ImageFolder
@@ -45,6 +45,20 @@ LONGEST = 60  # instants: largest offset of a clock to look for
 WORTH_SAYING = 0.05  # share of the footage lost; recordings never end on the same frame
 # Rose criterion: a signal stands out from noise at five standard deviations.
 DEVIATIONS_TO_MEASURE = 5.0
+
+
+def open_recording(
+    paths: Sequence[StrPath],
+    frame_rate: float | int | None = None,
+    offsets: Sequence[int] | None = None,
+) -> SynchronizedVideos:
+    """Open the instants of videos that at least two cameras show.
+
+    Raises:
+        CatFreeError: as `SynchronizedVideos`.
+    """
+    fewest = min(len(paths), 2)
+    return SynchronizedVideos(paths, offsets=offsets, frame_rate=frame_rate, fewest_cameras=fewest)
 
 
 def require_distinct_videos(videos: SynchronizedVideos) -> None:

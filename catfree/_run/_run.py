@@ -16,6 +16,7 @@ from catfree._run._input_checks import (
     clock_warnings,
     footage_warnings,
     match_cameras,
+    open_recording,
     require_distinct_videos,
     scene_of,
     tiny_boxes,
@@ -349,4 +350,4 @@ def _opened(videos: Videos) -> SynchronizedVideos:
         raise InvalidInputError(
             f"videos must list one video file or image folder per camera, got {quoted(videos)}."
         )
-    return SynchronizedVideos(videos, fewest_cameras=min(len(videos), 2))
+    return open_recording(videos)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._cache import content_hash
-from catfree._run._input_checks import require_distinct_videos
+from catfree._run._input_checks import open_recording, require_distinct_videos
 from catfree.adapters.files._documents import StrPath
 from catfree.adapters.files._fingerprint import hash_parameters, hash_samples
 from catfree.adapters.tables._detections_table import (
@@ -315,20 +315,6 @@ def _open(
 ) -> SynchronizedVideos:
     """Open the videos of a recording once per process: this reads the times of all frames."""
     return open_recording(paths, frame_rate, offsets)
-
-
-def open_recording(
-    paths: Sequence[StrPath],
-    frame_rate: float | int | None,
-    offsets: Sequence[int] | None = None,
-) -> SynchronizedVideos:
-    """Open the instants of videos that at least two cameras show.
-
-    Raises:
-        CatFreeError: as `SynchronizedVideos`.
-    """
-    fewest = min(len(paths), 2)
-    return SynchronizedVideos(paths, offsets=offsets, frame_rate=frame_rate, fewest_cameras=fewest)
 
 
 def require_unchanged(shard: Shard) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from catfree._run._input_checks import Recording, order_like
+from catfree._run._input_checks import Recording, open_recording, order_like
 from catfree._run._stages import calibrate_cameras
 from catfree._run.sharded._executors import error_of, executor_for, run_shards, submitted
 from catfree._run.sharded._plan_file import METHODS
@@ -20,7 +20,6 @@ from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._shard import (
     Shard,
     boxes_of_shard,
-    open_recording,
     open_shard_videos,
     recording_name,
     require_folder_name,
