@@ -73,8 +73,12 @@ def main() -> int:
     shown = player.data["people"]["start"][-1]
     browser_path = shutil.which("chromium") or shutil.which("google-chrome")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
-        write_report(folder, outcome, Settings(), player=player, covered=covered)
-        page_file = Path(folder) / "report.html"
+        root = Path(folder)
+        write_report(
+            root, outcome, Settings(), [], [],
+            player=player, covered=covered, video=None, extra=(),
+        )  # fmt: skip
+        page_file = root / "report.html"
         browser = driver.chromium.launch(executable_path=browser_path, args=["--no-sandbox"])
         requests: list[str] = []
         times = []
