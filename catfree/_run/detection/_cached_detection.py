@@ -59,7 +59,7 @@ class _Piece:
 
 
 @dataclass
-class _Detection:
+class _FirstLook:
     """Boxes and appearance of the people in the pictures of an instant.
 
     Attributes:
@@ -126,9 +126,9 @@ def detect_with_cache(
             for frame in videos.frames[piece.first : piece.first + piece.count]
             if piece.boxes is not None
         }
-        work = _Detection(describe, known)
+        look = _FirstLook(describe, known)
         unknown = any(piece.boxes is None for piece in stretch)
-        instants = cameras.instants(videos, work, stretch[0].first, stage="detect", detect=unknown)
+        instants = cameras.instants(videos, look, stretch[0].first, stage="detect", detect=unknown)
         for piece in stretch:
             _complete(piece, list(islice(instants, piece.count)), videos, cache)
         if videos.interruption is not None:
