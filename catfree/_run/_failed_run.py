@@ -1,6 +1,5 @@
 """Output of a failed run: the boxes, a picture of them, and a report with the error."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -30,7 +29,7 @@ MOSTLY_HIDDEN = 0.5  # share of boxes with visible feet below which the report s
 
 
 def write_failure(
-    folder: str | os.PathLike[str],
+    root: Path,
     error: CatFreeError,
     unfinished: Unfinished,
     *,
@@ -41,8 +40,9 @@ def write_failure(
     """Write the partial results of a failed run.
 
     Args:
-        folder: created if it does not exist; pictures of an earlier run, and what it says about
-            its boxes, are removed, its tracks and cameras stay, and the report lists them.
+        root: the result folder, created if it does not exist; pictures of an earlier run, and what
+            it says about its boxes, are removed, its tracks and cameras stay, and the report lists
+            them.
         error: why it failed.
         unfinished: the partial results; nothing is written of boxes, nor before detection has
             finished.
@@ -61,7 +61,6 @@ def write_failure(
     videos, detections = unfinished.recording, unfinished.detections
     if not isinstance(videos, SynchronizedVideos) or detections is None:
         return []
-    root = Path(folder)
     numbers = numbers_of_files(videos.frames)
     files = write_boxes(root, detections, videos.camera_names, numbers, embeddings=embeddings)
     shown: list[Block] = []

@@ -1,7 +1,6 @@
 """The report of a run: a player, what to heed, results, reliability and settings."""
 
 import dataclasses
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -45,7 +44,7 @@ THRESHOLD_NAMES = {
 
 
 def write_report(
-    folder: str | os.PathLike[str],
+    root: Path,
     outcome: RunOutcome,
     settings: Settings,
     files: Sequence[Path],
@@ -59,7 +58,7 @@ def write_report(
     """Write `report.md` and `report.html`.
 
     Args:
-        folder: where they go; it must exist.
+        root: the result folder, which must exist.
         outcome: what `run_stages` returned.
         settings: the settings of the run.
         files: other files of the folder, to be listed.
@@ -72,7 +71,6 @@ def write_report(
     Returns:
         The two files.
     """
-    root = Path(folder)
     blocks: list[Block] = [Heading("catfree report", 1), *describe_warnings(outcome.warnings)]
     blocks += [] if player is None else [player]
     blocks += [*describe_acceptance(outcome, covered), *extra]

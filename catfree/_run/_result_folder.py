@@ -234,22 +234,19 @@ def _write_player(
     return player, instants
 
 
-def write_rig(
-    folder: str | os.PathLike[str], scene: Scene, camera_names: Sequence[str]
-) -> list[Path]:
+def write_rig(root: Path, scene: Scene, camera_names: Sequence[str]) -> list[Path]:
     """Write cameras and ground as `scene.json` and in the formats of COLMAP and anipose.
 
     Only `scene.json` can hold cameras that are grids of rays.
 
     Args:
-        folder: created if it does not exist.
+        root: the result folder, created if it does not exist.
         scene: cameras and ground; cameras that are not registered are only in `scene.json`.
         camera_names: (C,) names.
 
     Returns:
         The files.
     """
-    root = Path(folder)
     make_folder(root / "rig")
     written = [write_scene_json(root / RESULT_SCENE, scene, camera_names)]
     if (scene.rig.lenses == Lens.RAYS).any():

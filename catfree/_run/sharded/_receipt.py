@@ -104,16 +104,16 @@ def recording_folder(out: StrPath, site: str, date: str) -> Path:
     return folder
 
 
-def files_of(folder: StrPath, index: int) -> ShardFiles:
+def files_of(folder: Path, index: int) -> ShardFiles:
     """The files of a shard in the folder of its recording."""
-    work, name = Path(folder) / WORK_FOLDER, f"part-{index:05d}"
+    work, name = folder / WORK_FOLDER, f"part-{index:05d}"
     return ShardFiles(*(work / f"{name}.{suffix}" for suffix in ("parquet", "npz", "json")))
 
 
-def remove_beyond(folder: StrPath, count: int) -> None:
+def remove_beyond(folder: Path, count: int) -> None:
     """Remove the shards of an earlier plan of more shards: those from index `count` on."""
     kept = {path for index in range(count) for path in vars(files_of(folder, index)).values()}
-    for path in (Path(folder) / WORK_FOLDER).glob("part-*"):
+    for path in (folder / WORK_FOLDER).glob("part-*"):
         if path not in kept:
             path.unlink()
 
