@@ -33,7 +33,7 @@ from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings, Settings
-from catfree.types import Detections, Localization, Scene
+from catfree.types import Clock, Detections, Localization, Scene
 from catfree.types._detections import is_confident
 from catfree.types._sampling import frame_step
 from catfree.types._scene import require_scene
@@ -419,8 +419,8 @@ def clock_warnings(
     offset = clocks.whole_offsets(step, WHOLE_FRAME)
     return tuple(
         f"Camera {quoted(videos.camera_names[c])} seems to have "
-        f"{_started(int(offset[c]), videos)}: with that shift its people match theirs best. "
-        f"Nothing was shifted. {_advice(offset, videos)}"
+        f"{_started(int(offset[c]), detections.clock)}: with that shift its people match theirs "
+        f"best. Nothing was shifted. {_advice(offset, videos)}"
         for c in np.flatnonzero(offset)
     )
 
@@ -442,7 +442,7 @@ def calibration_warnings(
     offset = calibration.frame_offset
     warnings = [
         f"Camera {quoted(videos.camera_names[c])} was found to have "
-        f"{_started(int(offset[c]), videos)}; its clock was corrected by that."
+        f"{_started(int(offset[c]), detections.clock)}; its clock was corrected by that."
         for c in np.flatnonzero(offset)
     ]
     warnings += calibration.contradictions
@@ -455,7 +455,7 @@ def calibration_warnings(
             alone[camera] = likely_offset
             warnings.append(
                 f"Camera {quoted(videos.camera_names[camera])} could not be placed, but would fit "
-                f"if it had {_started(likely_offset, videos)}. {_advice(alone, videos)}"
+                f"if it had {_started(likely_offset, detections.clock)}. {_advice(alone, videos)}"
             )
     return tuple(warnings)
 
@@ -481,9 +481,8 @@ def without_offsets(
     return replace(recording, silent=silent, offsets=offsets), moved
 
 
-def _started(offset: int, videos: Recording) -> str:
+def _started(offset: int, clock: Clock | None) -> str:
     """Describe when a camera began to record; its frame numbers are too high by `offset`."""
-    clock = videos.detections.clock if isinstance(videos, CameraBoxes) else videos.clock
     seconds = "" if clock is None else f" ({abs(offset) / clock.frame_rate:.1f} s)"
     when = "after" if offset < 0 else "before"
     frames = "1 frame" if abs(offset) == 1 else f"{abs(offset)} frames"

@@ -120,8 +120,8 @@ def reconstruct(
     reconstructor: Reconstructor,
     detections: Detections,
     *,
-    cache: StageCache | None = None,
-    progress: Progress | None = None,
+    cache: StageCache | None,
+    progress: Progress | None,
 ) -> Scene:
     """Second stage with a reconstructor: aggregate several instants to one static rig."""
     return cached(
@@ -140,8 +140,8 @@ def refine_cameras(
     scene: Scene,
     settings: Settings,
     *,
-    cache: StageCache | None = None,
-    progress: Progress | None = None,
+    cache: StageCache | None,
+    progress: Progress | None,
 ) -> tuple[Scene, tuple[str, ...]]:
     """Second stage with inaccurate cameras: adjust them to the people.
 
