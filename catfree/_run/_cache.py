@@ -91,16 +91,15 @@ def cached(
         stage: the stage's name.
         kind: the dataclass that `compute` returns.
         compute: called only if there is no stored result.
-        **inputs: what the result follows from, besides the code: detections, scene and settings,
-            what has a fingerprint, and what JSON can hold.
+        **inputs: what the result follows from, as `content_key` takes it.
 
     Raises:
-        InvalidInputError: as `fingerprint_of`.
+        InvalidInputError: as `content_key`.
         WriteError: if the result cannot be stored.
     """
     if cache is None:
         return compute()
-    key = hash_parameters(stage, code_hash(), **{n: _told_apart(n, v) for n, v in inputs.items()})
+    key = content_key(stage, **inputs)
     stored = cache.load(stage, key, kind)
     if stored is not None:
         return stored
@@ -109,30 +108,32 @@ def cached(
     return value
 
 
-def _told_apart(name: str, value: Any) -> Any:
-    """What tells an input of a stage from others, in a form that JSON can hold."""
-    if isinstance(value, Detections | Scene | Settings):
-        return content_hash(value)
-    is_plain = value is None or isinstance(value, str | int | float | list | tuple)
-    return value if is_plain else fingerprint_of(value, name)
-
-
-def fingerprint_of(part: Any, role: str) -> str:
-    """Return the content hash of a detector, embedder or reconstructor; empty for None.
+def content_key(stage: str, *packages: str, **inputs: Any) -> str:
+    """Hash of all that a result follows from: equal content, equal key.
 
     Args:
-        part: the detector, embedder or reconstructor, or None.
-        role: what the part is, for the message.
+        stage: the stage's name.
+        *packages: sub-packages of catfree whose code makes the result; all of catfree if none.
+        **inputs: detections, scene and settings, what has a fingerprint, and what JSON can hold.
 
     Raises:
-        InvalidInputError: if it has none, so that results of different parts cannot be told apart.
+        InvalidInputError: if a detector, embedder or reconstructor has no fingerprint, so that
+            results of different ones cannot be told apart.
     """
-    if part is None:
-        return ""
-    fingerprint = getattr(part, "fingerprint", None)
+    told_apart = {name: _told_apart(name, value) for name, value in inputs.items()}
+    return hash_parameters(stage, code_hash(*packages), **told_apart)
+
+
+def _told_apart(name: str, value: Any) -> Any:
+    """What tells an input from others, in a form that JSON can hold."""
+    if value is None or type(value) in (bool, int, float, str, list, tuple):
+        return value
+    if isinstance(value, Detections | Scene | Settings):
+        return content_hash(value)
+    fingerprint = getattr(value, "fingerprint", None)
     if not isinstance(fingerprint, str) or not fingerprint:
         raise InvalidInputError(
-            f"The {role} {type(part).__name__} has no fingerprint, so its results cannot be "
+            f"The {name} {type(value).__name__} has no fingerprint, so its results cannot be "
             "cached. Give it a property `fingerprint` that identifies weights and parameters, or "
             "run without cache_dir."
         )

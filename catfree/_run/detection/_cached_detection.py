@@ -7,9 +7,12 @@ from itertools import groupby, islice
 import numpy as np
 from jaxtyping import Float
 
-from catfree._run._cache import StageCache, code_hash, fingerprint_of
-from catfree._run.detection._camera_detectors import CameraDetectors, Instant
-from catfree.adapters.files._fingerprint import hash_parameters
+from catfree._run._cache import StageCache, content_key
+from catfree._run.detection._camera_detectors import (
+    DETECTION_CODE,
+    CameraDetectors,
+    Instant,
+)
 from catfree.adapters.protocols import (
     Detector,
     Embedder,
@@ -144,15 +147,16 @@ def _pieces(
 ) -> list[_Piece]:
     if cache is None:
         return [_Piece(0, videos.frame_count, "", None, None, None)]
-    common = (code_hash("adapters", "types"), videos.fingerprint)
-    finder = fingerprint_of(detector, "detector")
+    footage = videos.fingerprint
     pieces = []
     for first in range(0, videos.frame_count, PIECE):
         count = min(PIECE, videos.frame_count - first)
-        box_key = hash_parameters("boxes", *common, finder, first=first, count=count)
+        box_key = content_key(
+            "boxes", *DETECTION_CODE, videos=footage, detector=detector, first=first, count=count
+        )
         look_key = None
         if embedder is not None:
-            look_key = hash_parameters("looks", box_key, fingerprint_of(embedder, "embedder"))
+            look_key = content_key("looks", *DETECTION_CODE, boxes=box_key, embedder=embedder)
         boxes = cache.load("boxes", box_key, Detections)
         looks = None if look_key is None else cache.load("looks", look_key, PieceEmbeddings)
         if boxes is not None and looks is not None and len(looks.embedding) != len(boxes):

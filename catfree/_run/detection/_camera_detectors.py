@@ -14,7 +14,7 @@ from itertools import islice
 from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
-from catfree._run._cache import StageCache, code_hash
+from catfree._run._cache import StageCache, content_key
 from catfree._worker import (
     SPAWN,
     SpawnedProcesses,
@@ -28,7 +28,6 @@ from catfree.adapters.background._background_detector import (
     FittedBackgroundDetector,
 )
 from catfree.adapters.background._foreground_memory import ForegroundMemory
-from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Detector, FittedToCamera, Image
 from catfree.adapters.video._detect_videos import fit_to_camera, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
@@ -42,6 +41,7 @@ Instant = tuple[int, dict[int, T]]
 # picture is worked on by itself.
 InstantWork = Callable[[Mapping[int, Detector], int, Mapping[int, Image]], dict[int, T]]
 
+DETECTION_CODE = ("adapters", "types")  # the packages that decide what is seen in a picture
 CHUNK = 5  # instants per answer of a process
 AHEAD = 2  # chunks that each process may be ahead, so that it never waits
 
@@ -121,10 +121,12 @@ class CameraDetectors:
         known: dict[int, Detector] = {}
         if cache is None or not isinstance(detector, BackgroundDetector):
             return self._fit(known, lambda camera, fitted: None)
-        stage, common = "background", (code_hash("adapters", "types"), videos.fingerprint)
+        stage, footage = "background", videos.fingerprint
 
         def key(camera: int) -> str:
-            return hash_parameters(stage, *common, detector.fingerprint, camera=camera)
+            return content_key(
+                stage, *DETECTION_CODE, videos=footage, detector=detector, camera=camera
+            )
 
         def keep(camera: int, fitted: Detector) -> None:
             if isinstance(fitted, FittedBackgroundDetector):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from catfree._run._cache import code_hash, content_hash, fingerprint_of, save_value
+from catfree._run._cache import content_key, save_value
 from catfree._run._run import run_stages
 from catfree._run._stages import everywhere, localize_people
 from catfree._run._stitch import learn_fragments
@@ -35,7 +35,7 @@ from catfree._run.sharded._shard import (
 from catfree.adapters.calibration_files._rig_json import scene_text
 from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import StrPath, write_text_atomically
-from catfree.adapters.files._fingerprint import hash_file, hash_parameters
+from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.adapters.tables._parquet import write_parquet
 from catfree.calibration import Verdict, check
@@ -208,14 +208,7 @@ def run_fingerprint(
     embedder: Any = None,
 ) -> str:
     """Hash of what is the same for all shards: scene, settings, networks and code."""
-    return hash_parameters(
-        "run",
-        content_hash(scene),
-        code_hash(),
-        fingerprint_of(detector, "detector"),
-        fingerprint_of(embedder, "embedder"),
-        settings=dataclasses.asdict(settings),
-    )
+    return content_key("run", scene=scene, settings=settings, detector=detector, embedder=embedder)
 
 
 def _verdicts(
