@@ -189,6 +189,14 @@ def test_an_empty_shard_is_a_shard(world, tmp_path):
     assert not ((joined.frame > 5) & (joined.frame < 600)).any()
 
 
+def test_nobody_tells_how_long_an_appearance_vector_is(world, plan, tmp_path):
+    nobody = Detections([], [], np.zeros((0, 4)), embedding=np.zeros((0, 0)))
+    for shard in plan:
+        empty = dataclasses.replace(shard, detections=nobody)
+        cf.run_shard(empty, scene=world.true_scene, out=tmp_path)
+    assert len(cf.join(tmp_path)) == 0
+
+
 @pytest.mark.parametrize(("names", "shown"), [(list("abcd"), "'b'"), (None, "1")])
 def test_sentences_name_cameras_of_boxes(world, tmp_path, monkeypatch, names, shown):
     moved = SimpleNamespace(camera=1, verdict=cf.Verdict.MOVED, advice="Calibrate again.")
