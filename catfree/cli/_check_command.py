@@ -49,7 +49,8 @@ def check(
         out: folder for a page with the verdicts; none is written if not given.
         videos: video files or image folders, one per camera of the scene, in its order: the
             page shows a grid of the ground on their last pictures. Without them it shows the
-            grid on the last boxes.
+            grid on the last boxes. The boxes must number frames as the videos do, from 0 or
+            from 1.
         unit: length of one unit of a scene whose file does not state it.
         since: frame number before which the cameras are known to fit.
         image_size: width and height of the images in pixels, where boxes do not state them.
@@ -60,8 +61,7 @@ def check(
             results of a run if not given.
         max_offset: largest clock offset to look for, in frames.
         cache: folder for finished stages.
-        blur: make people unrecognizable in the pictures. Boxes must number frames as the videos
-            do, from 0 or from 1.
+        blur: make people unrecognizable in the pictures of the videos.
     """
     from catfree._run._run import run_stages
     from catfree.adapters.files._camera_names import positions_of

@@ -169,7 +169,8 @@ def run(
         anchors: JSON file of known lengths, cameras and points, when the cameras are found from
             people.
         refine: adjust the cameras of the scene to the people.
-        pictures: draw plots, and write pictures of the cameras for the report.
+        pictures: draw plots, where matplotlib is installed, and write pictures of the cameras for
+            the report.
         overlay: write a video of all cameras with the tracks drawn in.
         blur: make people unrecognizable in pictures and overlay.
         embeddings: write the appearance vectors, which recognize people, to detections.npz.
@@ -283,7 +284,7 @@ def localize(
         anchors: JSON file of known lengths, cameras and points, when the cameras are found from
             people.
         refine: adjust the cameras of the scene to the people.
-        pictures: draw plots.
+        pictures: draw plots, where matplotlib is installed.
     """
     from catfree._run._result_folder import write_results
     from catfree._run._run import run_stages
@@ -333,7 +334,8 @@ def demo(
         size: width and height of the videos in pixels.
         method: the localization method.
         workers: processes that render and detect; one per processor if not given.
-        pictures: draw plots, and write pictures of the cameras for the report.
+        pictures: draw plots, where matplotlib is installed, and write pictures of the cameras for
+            the report.
         blur: make people unrecognizable in the pictures of the results.
     """
     from catfree.cli._demo import EASY, run_demo, score_table

@@ -21,7 +21,7 @@ WIDEST = 1000  # columns of a table in a file or pipe, where nothing need be fol
 # Advice in terms of the library, and the same in terms of commands and their options.
 OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
-    "pass image_size, or a scene": "give --image-size, or to catfree localize a --scene",
+    "pass image_size, or a scene": "give --image-size, or a --scene to catfree localize",
     "nothing. Pass frame_rate": "nothing. Give --frame-rate, or in a file of sites frame_rate",
     "pass its unit to cf.read_scene": "give its --unit",
     "Pass a detector": "Give --detector, a detector",
