@@ -58,8 +58,7 @@ def main() -> None:
     parser.add_argument("videos", nargs="+", help="one video file or image folder per camera")
     parser.add_argument("--scene", help="known calibration, as cf.read_scene reads it")
     options = parser.parse_args()
-    scene = cf.read_scene(options.scene)[0] if options.scene else None
-    tracks = cf.run(options.videos, detector=Moving(), scene=scene).tracks
+    tracks = cf.run(options.videos, detector=Moving(), scene=options.scene).tracks
     for frame, person, x, y in tracks.to_rows():
         print(f"frame {frame:.0f}: person {person:.0f} at {x:.2f} m, {y:.2f} m")
 

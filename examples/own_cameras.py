@@ -28,7 +28,7 @@ def main() -> None:
         cf.adapters.SynchronizedVideos(options.videos, stride=options.stride),
         detector=cf.adapters.YoloPoseOnnx(options.detector) if options.detector else None,
         embedder=cf.adapters.ReIdOnnx(options.embedder) if options.embedder else None,
-        scene=cf.read_scene(options.scene)[0] if options.scene else None,
+        scene=options.scene,  # a path, so that its cameras are matched with the videos by name
         cache_dir=f"{options.out}/cache",
         progress=lambda stage, done, total: print(f"\r{stage} {done}/{total}   ", end=""),
     )
