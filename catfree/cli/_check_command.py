@@ -56,9 +56,9 @@ def check(
         image_size: width and height of the images in pixels, where boxes do not state them.
         frame_rate: frames per second of the boxes.
         silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist; that of the results of a run if not given.
-        offsets: the frame of each of the videos that shows frame 0 of the boxes; those of the
-            results of a run if not given.
+            not exist. Results of a run that are given as boxes have it already.
+        offsets: the frame of each of the videos that shows frame 0 of the boxes. Results of a
+            run that are given as boxes have them already.
         max_offset: largest clock offset to look for, in frames.
         cache: folder for finished stages.
         blur: make people unrecognizable in the pictures of the videos.

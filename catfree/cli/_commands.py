@@ -277,7 +277,8 @@ def localize(
             state them.
         frame_rate: frames per second, for times and velocities in the results.
         silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist, from which nothing is concluded; that of the results of a run if not given.
+            not exist, from which nothing is concluded. Results of a run that are given as boxes
+            have it already.
         cache: folder for finished stages; `cache` in the results folder if not given.
         max_offset: largest clock offset of a single camera, in frames, to search and correct
             when the cameras are found from people.
@@ -389,7 +390,7 @@ def calibrate(
         anchors: JSON file of known lengths, cameras and points.
         image_size: width and height of the images in pixels, where boxes do not state them.
         silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist, for boxes; that of the results of a run if not given.
+            not exist, for boxes. Results of a run that are given as boxes have it already.
         pictures: if no cameras are found, write a picture of the boxes.
         blur: make people unrecognizable in it.
     """

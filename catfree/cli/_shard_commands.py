@@ -53,8 +53,8 @@ def plan(
         frame_rate: frames per second; that of the videos or of the saved boxes if not given.
         offsets: the frame of each camera that shows the first common instant.
         silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist, for boxes; that of the results of a run if not given, and of videos it is
-            known.
+            not exist, for boxes. Results of a run that are given as boxes have it already, and
+            videos need none.
         detector: ONNX file of a person detector, or a name of `catfree weights list`; without
             it people are found by background subtraction.
         embedder: ONNX file of a re-identification network, or a name of that list.
