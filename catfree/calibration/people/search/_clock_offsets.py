@@ -7,9 +7,9 @@ whose clock is off by many frames can be placed only after its offset is correct
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
-from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._growth import (
@@ -25,7 +25,7 @@ from catfree.types._annotations import Progress
 from catfree.types._sampling import frame_step
 from catfree.types._validation import as_integer, require_shape
 
-TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
+TRIED_TOGETHER = 16  # placements of an unplaced camera, until one agrees with the others
 CLIMB = 2  # shifts tried on either side of the best
 
 
@@ -70,12 +70,9 @@ def find_offsets(
     step = frame_step(grid.frames)
     offset = np.zeros(grid.camera_count, np.int64)
     for done in range(grid.camera_count):
-        state = registered.state
         # One camera at a time, the clearest first: a wrong clock also distorts the fit of others.
         found = {
-            c: (_offset_of_placed if state.placed[c] else offset_of_unplaced)(
-                work, state, c, maximum // step
-            )
+            c: _offset_of(work, registered, c, maximum // step)
             for c in np.flatnonzero(offset == 0).tolist()
         }
         report("offsets", done + 1, grid.camera_count)
@@ -95,37 +92,53 @@ def find_offsets(
     return work, registered, offset * step
 
 
-def _offset_of_placed(
-    work: Workspace, state: RigState, camera: int, maximum: int
+def _offset_of(
+    work: Workspace, registered: AdjustedRig, camera: int, maximum: int
 ) -> tuple[float, int]:
-    """Gain in evidence and shift at which a placed camera agrees best after refitting."""
+    """Gain in evidence and shift at which a camera agrees best, where it is or elsewhere."""
+    state = registered.state
+    if not state.placed[camera]:
+        return offset_of_unplaced(work, state, camera, maximum)
     # A wrong clock distorts the others, too.
     rest = replace(state.without_camera(camera), range_tolerance=RANGE_ERRORS[1])
     others = group_people(work.grid, rest, work.settings).ground
+    shift, evidence = _climb(work, state, camera, (0, state.parameters[camera]), others, maximum)
+    found = evidence[shift] - evidence[0], shift
+    if camera in registered.suspects:
+        # With a wrong clock, it may have been placed where it matches other people.
+        margin, shift = offset_of_unplaced(work, state.without_camera(camera), camera, maximum)
+        found = max(found, (margin - registered.verdicts[camera].margin, shift))
+    return found
+
+
+def _climb(
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    start: tuple[int, Float[np.ndarray, "7"]],
+    others: GroundMap,
+    maximum: int,
+) -> tuple[int, dict[int, float]]:
+    """Best shift of a camera from a shift and a placement on, and the evidence of those tried."""
     evidence: dict[int, float] = {}
-    best, shifts = 0, _shifts(work, maximum)
+    (best, place), shifts = start, _shifts(work, maximum)
     while True:
         near = range(best - CLIMB, best + CLIMB + 1)
         untried = [shift for shift in near if shift in shifts and shift not in evidence]
-        judged = judge_refined(
-            work,
-            state,
-            camera,
-            [(work.grid.shifted(camera, -s), state.parameters[camera]) for s in untried],
-            others,
-        )
+        placements = [(work.grid.shifted(camera, -shift), place) for shift in untried]
+        judged = judge_refined(work, state, camera, placements, others)
         evidence |= dict.fromkeys(untried, -np.inf)
         evidence |= {untried[at]: verdict.evidence for at, (_, verdict) in judged.items()}
         top = max(evidence, key=lambda shift: (evidence[shift], -abs(shift)))
         if top == best:
-            return evidence[best] - evidence[0], best
+            return best, evidence
         best = top
 
 
 def offset_of_unplaced(
     work: Workspace, state: RigState, camera: int, maximum: int
 ) -> tuple[float, int]:
-    """Evidence and shift at which an unplaced camera can be placed; zeros if it cannot.
+    """Evidence above chance and shift at which an unplaced camera fits; zeros if it does not.
 
     Args:
         work: the sequence.
@@ -134,25 +147,28 @@ def offset_of_unplaced(
         maximum: largest shift to try, in instants by which its clock may be too high or too low.
     """
     settings = work.settings
-    people = group_people(work.voting, state, settings).ground
+    voters = group_people(work.voting, state, settings).ground
     candidates = []
     for shift in _shifts(work, maximum):
         sample = work.grid.shifted(camera, -shift).thinned(settings.voting_frames)
-        places = voted_places(work, state, camera, sample, people, 1)
-        candidates += [(score, shift, start) for score, start in places]
-    tried = sorted(candidates, key=lambda item: -item[0])[:TRIED_OFFSETS]
-    judged = judge_refined(
-        work,
-        state,
-        camera,
-        [(work.grid.shifted(camera, -shift), start) for _, shift, start in tried],
-        group_people(work.grid, state, settings).ground,
-    )
-    best = (0.0, 0)
-    for at, (_, verdict) in judged.items():
-        if verdict.accepted and verdict.margin > best[0]:
-            best = verdict.margin, tried[at][1]
-    return best
+        places = voted_places(work, state, camera, sample, voters, 1)
+        candidates += [(score, shift, place) for score, place in places]
+    candidates.sort(key=lambda item: -item[0])
+    people = group_people(work.grid, state, settings).ground
+    best, margin, found = -np.inf, 0.0, None
+    for begin in range(0, len(candidates), TRIED_TOGETHER):
+        tried = candidates[begin : begin + TRIED_TOGETHER]
+        placements = [(work.grid.shifted(camera, -shift), place) for _, shift, place in tried]
+        judged = judge_refined(work, state, camera, placements, people)
+        for at, (place, verdict) in judged.items():
+            if verdict.accepted and verdict.evidence > best:
+                best, margin, found = verdict.evidence, verdict.margin, (tried[at][1], place)
+        if best > 0:  # the same people rather than the same places
+            break
+    if found is None:
+        return 0.0, 0
+    shift, evidence = _climb(work, state, camera, found, people, maximum)
+    return margin + evidence[shift] - best, shift
 
 
 def _shifts(work: Workspace, maximum: int) -> list[int]:

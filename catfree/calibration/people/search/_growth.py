@@ -47,6 +47,14 @@ class AdjustedRig:
         margins = [verdict.margin for verdict in self.verdicts.values() if verdict.accepted]
         return len(margins), float(sum(margins))
 
+    @property
+    def suspects(self) -> list[int]:
+        """Cameras with far less evidence per match than is usual, the weakest first."""
+        per_match = {c: v.margin / max(1, v.matches) for c, v in self.verdicts.items()}
+        usual = float(np.median(list(per_match.values())))
+        suspects = [c for c, value in per_match.items() if value < SUSPICIOUS_SHARE * usual]
+        return sorted(suspects, key=lambda c: per_match[c])
+
 
 def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> AdjustedRig:
     """Add cameras to a pair as long as their evidence is sufficient.
@@ -111,13 +119,9 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
         The rig of the remaining cameras.
     """
     while len(rig.verdicts) > 2:
-        verdicts = rig.verdicts
-        per_match = {c: v.margin / max(1, v.matches) for c, v in verdicts.items()}
-        usual = float(np.median(list(per_match.values())))
-        suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
-        for camera in sorted(suspects, key=lambda c: per_match[c]):
+        for camera in rig.suspects:
             less = fit_rig(work, rig.state.without_camera(camera))
-            others = sum(v.margin for c, v in verdicts.items() if c != camera)
+            others = sum(v.margin for c, v in rig.verdicts.items() if c != camera)
             if less is not None and less.quality[1] > HARMFUL_GAIN * others:
                 rig = less
                 break

@@ -1,11 +1,14 @@
 """Clock offsets are whole frames, one per camera."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.calibration import remove_offsets
+from catfree.calibration import calibrate, remove_offsets
 from catfree.errors import InvalidInputError
+from catfree.synthetic import make_world
 from catfree.types import Detections
 
 whole = st.integers(-1000, 1000)
@@ -34,3 +37,16 @@ def test_what_is_not_one_offset_per_camera_is_refused(offset, sentence):
     boxes = Detections([5, 5], [0, 1], [[0, 0, 9, 20.0]] * 2)
     with pytest.raises(InvalidInputError, match=sentence):
         remove_offsets(boxes, offset)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [2, 3])
+def test_the_offset_is_found_of_a_camera_that_was_placed_elsewhere_or_nowhere(late):
+    # Late by 3, it is first placed where it matches others; by 2, it is not placed.
+    world = make_world("ring4", 3, frames=60, people=8)
+    boxes = world.detections
+    frame = np.where(boxes.camera == 1, boxes.frame + late, boxes.frame)
+    size = world.scene.rig.image_size
+    found = calibrate(replace(boxes, frame=frame), size, maximum_offset=8)
+    assert found.scene.rig.registered.all()
+    assert found.frame_offset.tolist() == [0, late, 0, 0]
