@@ -46,6 +46,7 @@ from catfree.types._processes import require_own_process
 from catfree.types._scene import require_scene
 from catfree.types._validation import require_instance, shown_camera
 from catfree.types._writing import make_folder
+from catfree.types.results._arrow_table import require_pyarrow
 
 if TYPE_CHECKING:
     import pyarrow
@@ -85,8 +86,10 @@ def run_shard(
         FileFormatError: if an input file is damaged.
         WriteError: if the disk is full or not writable.
         ForkedProcessError: in a process forked after JAX was used.
+        MissingDependencyError: if pyarrow is not installed.
     """
     require_own_process()
+    require_pyarrow()  # which writes what takes long to compute
     require_instance(shard, Shard, "shard")
     require_scene(scene)
     settings = Settings() if settings is None else settings
@@ -189,14 +192,13 @@ def write_shard(
 
 def with_places(tracks: Tracks) -> "pyarrow.Table":
     """The table of tracks, and how well the rig sees people at each position (`PLACES`)."""
-    import pyarrow
-
+    arrow = require_pyarrow()
     table = tracks.to_arrow()
     for name in PLACES:
         values = getattr(tracks, name)
-        unknown = pyarrow.nulls(len(tracks), pyarrow.float64())
+        unknown = arrow.nulls(len(tracks), arrow.float64())
         table = table.append_column(
-            name, unknown if values is None else pyarrow.array(values.astype(np.float64))
+            name, unknown if values is None else arrow.array(values.astype(np.float64))
         )
     return table
 

@@ -3,6 +3,7 @@
 import dataclasses
 import errno
 import os
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,12 @@ import catfree as cf
 from catfree._run.sharded import _run_shard as module
 from catfree._run.sharded._receipt import SCHEMA, files_of
 from catfree._run.sharded._run_shard import run_fingerprint
-from catfree.errors import FileFormatError, InvalidInputError, WriteError
+from catfree.errors import (
+    FileFormatError,
+    InvalidInputError,
+    MissingDependencyError,
+    WriteError,
+)
 from catfree.settings import EvidenceSettings
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections
@@ -164,6 +170,13 @@ def test_boxes_need_no_detector(world, plan, tmp_path):
     detector = cf.adapters.BackgroundDetector()
     with pytest.raises(InvalidInputError, match="consists of boxes"):
         cf.run_shard(plan[0], scene=world.true_scene, out=tmp_path, detector=detector)
+
+
+def test_without_pyarrow_nothing_is_computed(world, plan, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(MissingDependencyError, match="pyarrow"):
+        cf.run_shard(plan[0], scene=world.true_scene, out=tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_boxes_of_an_unknown_camera_are_refused(world, tmp_path):
