@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Num
 
 from catfree.errors import InvalidInputError, quoted
 from catfree.filters._otsu import log_otsu, otsu
-from catfree.filters._sample_arrays import as_floating, as_mask
+from catfree.filters._sample_arrays import as_floating, as_mask, as_selection
 from catfree.settings import Selection
 from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import as_number
@@ -73,7 +73,7 @@ def quantile(
     values = as_floating(values, "values")
     if values.shape[0] == 0:
         return jnp.asarray(jnp.inf, values.dtype)
-    member = as_mask(where, values.shape) & jnp.isfinite(values)
+    member = as_selection(where, values.shape) & jnp.isfinite(values)
     estimate = jnp.nanquantile(jnp.where(member, values, jnp.nan), jnp.asarray(share, values.dtype))
     return jnp.where(member.any(), estimate, jnp.inf)
 

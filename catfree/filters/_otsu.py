@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Num
 
-from catfree.filters._sample_arrays import as_mask, as_sample
+from catfree.filters._sample_arrays import as_sample, as_selection
 from catfree.types._annotations import HostOrDevice
 
 # Splits whose criteria agree to this many units of rounding are ties, so that neither the order of
@@ -146,7 +146,7 @@ def otsu(
     Source: Otsu 1979, Eq. 12 to 18.
     """
     values = as_sample(values)
-    member = as_mask(where, values.shape) & jnp.isfinite(values)
+    member = as_selection(where, values.shape) & jnp.isfinite(values)
     ordered, count = _sorted_sample(values, member)
     split = _best_split(ordered, ordered, count)
     lower, upper = _neighbors(ordered, split)
@@ -174,7 +174,7 @@ def log_otsu(
     Source: paper, Sec. "Selecting pedestrian positions", tau_sigma and tau_g.
     """
     values = as_sample(values)
-    member = as_mask(where, values.shape) & jnp.isfinite(values) & (values > 0)
+    member = as_selection(where, values.shape) & jnp.isfinite(values) & (values > 0)
     ordered, count = _sorted_sample(values, member)
     finite = jnp.isfinite(ordered)
     logarithm = jnp.log(jnp.where(finite, ordered, 1))
@@ -201,7 +201,7 @@ def otsu_separability(
     Source: Otsu 1979, Eq. 19 (eta).
     """
     values = as_sample(values)
-    member = as_mask(where, values.shape) & jnp.isfinite(values)
+    member = as_selection(where, values.shape) & jnp.isfinite(values)
     ordered, count = _sorted_sample(values, member)
     return _best_split(ordered, ordered, count).separability
 

@@ -29,15 +29,16 @@ def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:
     return array
 
 
-def as_mask(
-    where: jax.typing.ArrayLike | None, shape: tuple[int, ...], name: str = "where"
-) -> Bool[Array, "..."]:
-    """Convert to a boolean JAX array; None for `where` means all true."""
-    if where is None and name == "where":
-        return jnp.ones(shape, bool)
-    mask = as_flags(where, name)
+def as_mask(values: jax.typing.ArrayLike, shape: tuple[int, ...], name: str) -> Bool[Array, "..."]:
+    """Convert to a boolean JAX array of this shape."""
+    mask = as_flags(values, name)
     require_shape(mask, shape, name)
     return mask
+
+
+def as_selection(where: jax.typing.ArrayLike | None, shape: tuple[int, ...]) -> Bool[Array, "..."]:
+    """Convert `where` to a boolean JAX array of this shape; None means all true."""
+    return jnp.ones(shape, bool) if where is None else as_mask(where, shape, "where")
 
 
 def as_radius(radius: jax.typing.ArrayLike, dtype: jnp.dtype) -> Float[Array, ""]:

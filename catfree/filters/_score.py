@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Num
 
 from catfree.errors import InvalidInputError
 from catfree.filters._otsu import otsu, otsu_separability
-from catfree.filters._sample_arrays import as_floating, as_mask
+from catfree.filters._sample_arrays import as_floating, as_mask, as_selection
 from catfree.types._annotations import HostOrDevice
 
 
@@ -71,7 +71,7 @@ def auxiliary_score(
             f"signals has shape {signals.shape}; it needs one column for each `Signal`, of which "
             f"there are {len(Signal)}. Fill those that are missing with NaN."
         )
-    present = as_mask(where, signals.shape[:1])
+    present = as_selection(where, signals.shape[:1])
     valid = present[:, None] & jnp.isfinite(signals)
     standardized = jax.vmap(_standardize, (1, 1), 1)(signals, valid)
     weights = jax.vmap(otsu_separability, (1, 1))(signals, valid)
@@ -122,7 +122,7 @@ def median_residual(
     Source: paper, Sec. "The Scoring Stage", of the angles of Eq. theta.
     """
     residuals = as_floating(residuals, "residuals")
-    where = as_mask(where, residuals.shape)
+    where = as_selection(where, residuals.shape)
     if residuals.size == 0:
         return jnp.full((), jnp.nan, residuals.dtype)
     return jnp.nanmedian(jnp.where(where, residuals, jnp.nan))
@@ -144,7 +144,7 @@ def height_consistency(
     Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
     """
     heights = as_floating(heights, "heights")
-    where = as_mask(where, heights.shape)
+    where = as_selection(where, heights.shape)
     values = jnp.where(where, heights, 0)
     count = jnp.maximum(jnp.sum(where), 1).astype(values.dtype)
     magnitude = jnp.sum(jnp.abs(values)) / count

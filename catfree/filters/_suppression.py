@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Num, ScalarLike
 
 from catfree.errors import InvalidInputError
-from catfree.filters._sample_arrays import as_floating, as_mask, as_radius
+from catfree.filters._sample_arrays import as_floating, as_mask, as_radius, as_selection
 from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import require_shape
 
@@ -52,7 +52,7 @@ def suppress(
         )
     if count == 0:
         return jnp.zeros(0, bool)
-    present = as_mask(where, (count,))
+    present = as_selection(where, (count,))
     columns = priority[:, None] if priority.ndim == 1 else priority
     columns = jnp.where(present[:, None], -columns, jnp.inf)
     order = jnp.lexsort(tuple(columns.T[::-1]))  # stable: ties stay in index order
@@ -86,7 +86,7 @@ def outside(
     positions = as_floating(positions, "positions")
     require_shape(positions, (None, 2), "positions")
     accepted = as_mask(accepted, positions.shape[:1], "accepted")
-    tested = as_mask(where, accepted.shape) & ~accepted
+    tested = as_selection(where, accepted.shape) & ~accepted
     return tested & ~jnp.any(_near(positions, radius, tested, accepted), axis=1)
 
 

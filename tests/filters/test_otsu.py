@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 import catfree.filters as filters
 from catfree.errors import InvalidInputError
-from catfree.filters._sample_arrays import as_mask, as_sample
+from catfree.filters._sample_arrays import as_sample, as_selection
 
 pytestmark = pytest.mark.slow
 
@@ -261,7 +261,7 @@ def test_gradient_is_that_of_the_midpoint(dtype):
 
 
 def test_masks_may_be_zeros_and_ones():
-    mask = as_mask(np.array([1, 0, 1]), (3,))
+    mask = as_selection(np.array([1, 0, 1]), (3,))
     assert mask.dtype == bool
     assert float(filters.otsu(np.array([1.0, np.nan, 5.0]), mask)) == 3.0
 

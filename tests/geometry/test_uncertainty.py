@@ -236,7 +236,7 @@ def test_what_is_no_position_or_no_deviation_is_named():
     rays = np.zeros((3, 3)), np.eye(3), np.ones(3)
     for position, deviation, message in (
         (np.ones(1), 0.01, r"position must have shape \(3,\), got \(1,\)"),
-        (None, 0.01, r"position must have shape \(3,\), got \(\)"),
+        (None, 0.01, "position: Expected numbers, got NoneType"),
         (np.ones(3), np.full(3, 0.01), r"sigma_theta must have shape \(\), got \(3,\)"),
     ):
         with pytest.raises(InvalidInputError, match=message):
