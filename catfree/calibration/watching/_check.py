@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -183,6 +183,7 @@ def check(
     settings: Settings | None = None,
     maximum_offset: int = 20,
     localization: Localization | None = None,
+    silent: Any = None,
     camera_names: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Check:
@@ -202,6 +203,8 @@ def check(
         settings: of the localization.
         maximum_offset: largest lag to look for, in frame numbers.
         localization: the result of `localize` for these detections and this scene, if known.
+        silent: (K, 2) frame and camera of pictures that do not exist, as `localize` takes them;
+            `localization`, where it is given, was made with them.
         camera_names: names for advice about other cameras.
         progress: called as `progress(stage, done, total)`.
 
@@ -211,7 +214,8 @@ def check(
     Raises:
         InvalidInputError: if the arguments do not fit each other, there are no boxes before `since`
             or none from it on, two cameras have the same boxes, or many boxes of a camera are
-            outside its image. Also if there is not one name per camera.
+            outside its image. Also if there is not one name per camera, or a box in a picture of
+            `silent`.
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
@@ -229,6 +233,7 @@ def check(
         longest=WINDOW,
         maximum_offset=maximum_offset,
         localization=localization,
+        silent=silent,
         since=since,
         progress=progress,
     )

@@ -1,7 +1,7 @@
 """`estimate_clocks`: offset, rate and jumps of every camera's clock, from people who walk."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -126,6 +126,7 @@ def estimate_clocks(
     settings: Settings | None = None,
     maximum_offset: int = 20,
     localization: Localization | None = None,
+    silent: Any = None,
     progress: Progress | None = None,
 ) -> Clocks:
     """Estimate how late each camera is, whether its clock runs wrong, and when frames were lost.
@@ -140,6 +141,7 @@ def estimate_clocks(
         settings: of the localization.
         maximum_offset: largest lag to look for, in frame numbers.
         localization: the result of `localize` for these detections and this scene, if known.
+        silent: as for `check`.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
@@ -158,6 +160,7 @@ def estimate_clocks(
         maximum_offset=maximum_offset,
         kinds=[LAG],
         localization=localization,
+        silent=silent,
         progress=progress,
     )
     step, registered = sights.step, scene.rig.registered

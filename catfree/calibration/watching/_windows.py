@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -52,6 +52,7 @@ def watch(
     maximum_offset: int,
     kinds: Sequence[slice] = KINDS,
     localization: Localization | None = None,
+    silent: Any = None,
     since: int | None = None,
     progress: Progress | None = None,
 ) -> Watched:
@@ -71,6 +72,7 @@ def watch(
         maximum_offset: largest lag to look for, in frame numbers.
         kinds: what may change.
         localization: of these detections in this scene, if it is known.
+        silent: frame and camera of pictures that do not exist, as `localize` takes them.
         since: frame number at which a window begins, and before which nothing changes.
         progress: called as `progress(stage, done, total)`.
 
@@ -87,7 +89,7 @@ def watch(
     maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
     report = progress or no_progress
     if localization is None:
-        localization = localize(detections, scene, settings, progress)
+        localization = localize(detections, scene, settings, progress, silent=silent)
     require_instance(localization, Localization, "localization")
     recording = sights(scene, detections, localization, settings)
     rate = (

@@ -124,6 +124,24 @@ def test_a_recording_without_boxes_is_refused(world):
         check(world.true_scene, unsure)
 
 
+@pytest.mark.slow
+def test_pictures_that_do_not_exist_count_as_for_localize(world, quiet):
+    scene = world.true_scene
+    gone = (quiet.camera == 2) & (quiet.frame >= FRAMES // 2)
+    silent = [[frame, 2] for frame in range(FRAMES // 2, FRAMES)]
+    told = check(scene, quiet[~gone], silent=silent)
+    known = check(scene, quiet[~gone], localization=cf.localize(quiet[~gone], scene, silent=silent))
+    assert str(told) == str(known)
+    assert [c.pixels for c in told.cameras] == [c.pixels for c in known.cameras]
+    assert told.cameras[2].verdict == Verdict.DEAD
+
+
+@pytest.mark.parametrize("judge", [check, cf.estimate_clocks])
+def test_a_box_in_a_picture_that_does_not_exist_is_refused(world, quiet, judge):
+    with pytest.raises(InvalidInputError, match="silent says that camera"):
+        judge(world.true_scene, quiet, silent=[[quiet.frame[0], quiet.camera[0]]])
+
+
 def test_a_negative_lag_to_look_for_is_refused(world, quiet):
     with pytest.raises(InvalidInputError, match="maximum_offset is -1"):
         check(world.true_scene, quiet, maximum_offset=-1)
