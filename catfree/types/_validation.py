@@ -157,7 +157,7 @@ def require_names(
         )
 
 
-def parse_json(text: str) -> Any:
+def parse_json(text: str | bytes | bytearray) -> Any:
     """Parse JSON in which no object states a key twice, of which one value would be lost.
 
     Raises:

@@ -29,10 +29,11 @@ from catfree.types._validation import (
 )
 
 Record = dict[str, Any]
+TEXT = str | bytes | bytearray  # as brokers hand it out
 
 
 def watch(
-    lines: Iterable[str],
+    lines: Iterable[Any],
     tracker: Tracker,
     camera_names: Sequence[str],
     *,
@@ -47,7 +48,7 @@ def watch(
     people needs its line, too: a camera without a line said nothing.
 
     Args:
-        lines: any source of text: a file, standard input, a generator fed by a broker.
+        lines: any source of text or bytes: a file, standard input, a generator fed by a broker.
         tracker: what locates the people.
         camera_names: of the tracker's scene, in its order.
         frame_rate: instants per second.
@@ -76,7 +77,7 @@ def watch(
     waiting: deque[float] = deque()  # times of instants that are not final
     number = 0
     for number, line in enumerate(lines, 1):
-        if not line.strip():
+        if isinstance(line, TEXT) and not line.strip():
             continue
         try:
             instants = assembler.add(*parse_frame(line, camera_names))
@@ -200,7 +201,7 @@ def _people(kind: str, time: float, tracks: Tracks) -> Record:
     return {"type": kind, "time": time, "people": people}
 
 
-def parse_frame(line: str, camera_names: Sequence[str]) -> tuple[int, float, Detections]:
+def parse_frame(line: Any, camera_names: Sequence[str]) -> tuple[int, float, Detections]:
     """Read one line of `watch`.
 
     Returns:
@@ -209,6 +210,11 @@ def parse_frame(line: str, camera_names: Sequence[str]) -> tuple[int, float, Det
     Raises:
         InvalidInputError: saying what is wrong with the line.
     """
+    if not isinstance(line, TEXT):
+        raise InvalidInputError(
+            f"A line must be the text of a JSON object, got {type(line).__name__}. Pass json.dumps "
+            "of an object, or the lines that hold it."
+        )
     try:
         record = parse_json(line)
     except (ValueError, RecursionError) as error:

@@ -96,6 +96,18 @@ def test_a_wrong_line_is_explained(text, message):
         parse_frame(text, NAMES)
 
 
+@pytest.mark.parametrize("value", [{"camera": 0}, 3.0, None, np.zeros(4)])
+def test_what_is_no_text_is_named_and_the_next_line_is_read(value):
+    world = make_world("ring4", frames=1, people=1)
+    lines = [value, b" ", line(time=1, boxes=[]).encode()]
+    names = ["north", "south", "east", "west"]
+    found = list(watch(lines, Tracker(world.true_scene), names, frame_rate=5))
+    kind = type(value).__name__
+    assert found[0]["type"] == "error"
+    assert found[0]["message"].startswith(f"A line must be the text of a JSON object, got {kind}.")
+    assert [r["type"] for r in found[1:]] == ["provisional", *["silent"] * 3, "final"]
+
+
 def lines_of(every, names, rate):
     """Boxes, as the cameras would send them."""
     for frame in np.unique(every.frame):
