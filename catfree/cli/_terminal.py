@@ -23,6 +23,7 @@ OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
     "pass image_size, or a scene": "give --image-size, or a --scene to catfree localize",
     "nothing. Pass frame_rate": "nothing. Give --frame-rate, or in a file of sites frame_rate",
+    "image_size is": "--image-size is",
     "pass its unit to cf.read_scene": "give its --unit",
     "Pass a detector": "Give --detector, a detector",
     "Pass the size (width, height) of": "Give --image-size, the width and height of",

@@ -6,11 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
+    require_stated_sizes,
     rig_of,
+    usual_size,
     writable_cameras,
 )
 from catfree.adapters.calibration_files._projection_matrices import decomposed
@@ -31,7 +34,7 @@ from catfree.types import Rig
 _WIDTH, _HEIGHT = "frameWidth", "frameHeight"
 
 
-def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> NamedRig:
+def read_ai_city(path: StrPath, image_size: tuple[int, int] | None = None) -> NamedRig:
     """Read the cameras of a `calibration.json`.
 
     Each entry of `sensors` has `id` and either `intrinsicMatrix` (3 x 3) and `extrinsicMatrix`
@@ -40,15 +43,18 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
 
     Args:
         path: the file.
-        image_size: width and height in pixels of cameras whose attributes do not state them.
+        image_size: width and height in pixels of cameras whose attributes do not state them;
+            1920 x 1080 if None.
 
     Returns:
         The rig in meters, and the names.
 
     Raises:
-        InvalidInputError: if there is no such file or a camera is invalid.
+        InvalidInputError: if there is no such file, a camera is invalid, or the attributes of one
+            state another size than `image_size`.
         FileFormatError: if it is not JSON of this form.
     """
+    size = usual_size(image_size)
     document = read_json(path, "calibration")
     names, cameras = [], []
     with naming_file(path):
@@ -57,10 +63,12 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
             name = text_of(entry(sensor, "id", where), f"the id of {where}")
             if sensor.get("type", "camera") == "camera":
                 names.append(name)
-                cameras.append(_camera(sensor, where, image_size))
+                cameras.append(_camera(sensor, where, size))
         if not names:
             raise FileFormatError("the file holds no camera.")
-        return NamedRig(rig_of(cameras), tuple(names))
+        rig = rig_of(cameras)
+        require_stated_sizes(rig, names, image_size)
+        return NamedRig(rig, tuple(names))
 
 
 def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -> Path:
@@ -105,8 +113,9 @@ def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -
     return write_text_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 
-def _camera(sensor: dict[str, Any], where: str, image_size: tuple[int, int]) -> FileCamera:
-    size = _image_size(sensor, where) or image_size
+def _camera(sensor: dict[str, Any], where: str, usual: Int[np.ndarray, "2"]) -> FileCamera:
+    stated = _image_size(sensor, where)
+    size = usual if stated is None else stated
     if "intrinsicMatrix" not in sensor or "extrinsicMatrix" not in sensor:
         return FileCamera(*decomposed(numbers_of(sensor, "cameraMatrix", (3, 4), where)), size)
     K = numbers_of(sensor, "intrinsicMatrix", (3, 3), where)

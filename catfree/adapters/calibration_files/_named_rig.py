@@ -7,14 +7,21 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
+from jaxtyping import Float, Int, Num
 from scipy.spatial.transform import Rotation
 
 from catfree.adapters.files._camera_names import file_names, numbered_names
 from catfree.adapters.files._documents import StrPath, numbers, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Lens, Rig
-from catfree.types._validation import require_instance, require_names
+from catfree.types._validation import (
+    as_integer,
+    refuse,
+    require_instance,
+    require_names,
+    require_shape,
+    shown_camera,
+)
 from catfree.types._writing import make_folder
 
 _IDEAL = np.zeros(8)
@@ -118,6 +125,41 @@ def rig_of(cameras: Sequence[FileCamera]) -> Rig:
         raise FileFormatError("the cameras' rays have different numbers of nodes.")
     grids = [np.zeros_like(grids[0]) if grid is None else grid for grid in rays] if grids else None
     return Rig(K, R, t, size, coefficients, registered, lens, grids)
+
+
+def usual_size(image_size: Any) -> Int[np.ndarray, "2"]:
+    """Width and height of images of which a file states none: those given, or 1920 x 1080 for None.
+
+    Raises:
+        InvalidInputError: if these are not two whole numbers above 0.
+    """
+    size = as_integer((1920, 1080) if image_size is None else image_size, "image_size")
+    require_shape(size, (2,), "image_size")
+    refuse(size < 1, size, "image_size", "; it must be a width or a height in pixels.")
+    return size
+
+
+def require_stated_sizes(rig: Rig, names: Sequence[str] | None, image_size: Any) -> None:
+    """Raise if the caller gave an image size, and the file states another one for a camera.
+
+    Args:
+        rig: as it was read, with the given size where none is stated.
+        names: (C,) of the cameras, or None.
+        image_size: width and height, or None.
+
+    Raises:
+        InvalidInputError: naming the first camera, or if these are not two whole numbers above 0.
+    """
+    given = rig.image_size if image_size is None else usual_size(image_size)
+    differs = (rig.image_size != given).any(axis=1)
+    if differs.any():
+        at = int(np.argmax(differs))
+        width, height = rig.image_size[at].tolist()
+        raise InvalidInputError(
+            f"image_size is {' x '.join(map(str, given))}, but the calibration of camera "
+            f"{shown_camera(at, names)} is for images of {width} x {height} px. Leave it out; "
+            "boxes of images of another size must be scaled."
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -10,7 +10,9 @@ from catfree.adapters.calibration_files._named_rig import (
     FileCamera,
     NamedRig,
     lens_coefficients,
+    require_stated_sizes,
     rotation_from_vector,
+    usual_size,
     write_cameras,
 )
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_cameras
@@ -70,8 +72,8 @@ def read_opencv_yaml(
         folders have the same name.
 
     Raises:
-        InvalidInputError: if a file is missing or given twice, a camera is invalid, or
-            `metres_per_unit` is not a positive number.
+        InvalidInputError: if a file is missing or given twice, a camera is invalid, a file states
+            another size than `image_size`, or `metres_per_unit` is not a positive number.
         FileFormatError: if a file is malformed, or does not state the model of its four
             coefficients.
     """
@@ -94,7 +96,9 @@ def read_opencv_yaml(
             lens,
         )
 
-    return read_cameras(paths, "calibration", camera_of)
+    found = read_cameras(paths, "calibration", camera_of)
+    require_stated_sizes(found.rig, found.names, image_size)
+    return found
 
 
 def write_opencv_yaml(
@@ -176,7 +180,7 @@ def _image_size(values: dict[str, np.ndarray], default: tuple[int, int] | None) 
     width, height = (_first(values, names, None) for names in (_WIDTH, _HEIGHT))
     size = pair if pair.size else np.concatenate([width, height])
     if size.size == 0 and default is not None:
-        size = np.array(default)
+        return usual_size(default)
     if size.size != 2:
         raise FileFormatError("the file does not state the image size. Pass image_size=.")
     return size

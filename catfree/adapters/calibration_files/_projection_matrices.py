@@ -7,7 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import rq
 
-from catfree.adapters.calibration_files._named_rig import FileCamera, NamedRig, write_cameras
+from catfree.adapters.calibration_files._named_rig import (
+    FileCamera,
+    NamedRig,
+    usual_size,
+    write_cameras,
+)
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_cameras
 from catfree.adapters.files._documents import StrPath, numbers
 from catfree.errors import FileFormatError, InvalidInputError
@@ -18,13 +23,13 @@ PROJECTION = "projectionMatrix_3x4_w2p"  # world to pixel
 
 
 def read_mv3dt(
-    paths: StrPath | Sequence[StrPath], image_size: tuple[int, int] = (1920, 1080)
+    paths: StrPath | Sequence[StrPath], image_size: tuple[int, int] | None = None
 ) -> NamedRig:
     """Read `camInfo` files: the cameras of DeepStream's single-view and multi-view 3D trackers.
 
     Args:
         paths: one YAML file per camera, with `projectionMatrix_3x4_w2p`, 12 numbers row by row.
-        image_size: width and height in pixels, which the files do not state.
+        image_size: width and height in pixels, which the files do not state; 1920 x 1080 if None.
 
     Returns:
         The rig in the files' unit of length, each camera named after its file.
@@ -33,12 +38,13 @@ def read_mv3dt(
         InvalidInputError: if a file is missing or given twice, or a camera is invalid.
         FileFormatError: if a file is malformed or has no such matrix.
     """
+    size = usual_size(image_size)
 
     def camera_of(storage: Storage) -> FileCamera:
         if PROJECTION not in storage.numbers:
             raise FileFormatError(f"the file has no {PROJECTION!r} from the world to pixels.")
         matrix = numbers(storage.numbers[PROJECTION], (3, 4), PROJECTION)
-        return FileCamera(*decomposed(matrix), image_size)
+        return FileCamera(*decomposed(matrix), size)
 
     return read_cameras(paths, "camInfo", camera_of)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from catfree.adapters.calibration_files._ai_city import read_ai_city
 from catfree.adapters.calibration_files._anipose_toml import read_anipose_toml
-from catfree.adapters.calibration_files._named_rig import NamedRig
+from catfree.adapters.calibration_files._named_rig import NamedRig, require_stated_sizes
 from catfree.adapters.calibration_files._opencv_yaml import read_opencv_yaml
 from catfree.adapters.calibration_files._projection_matrices import PROJECTION, read_mv3dt
 from catfree.adapters.calibration_files._rig_json import read_rig_json, read_scene_json
@@ -62,7 +62,7 @@ def read_scene(
 
     Raises:
         InvalidInputError: if there is no such file, a value or the ground is invalid, the file
-            states another unit, or no ground is stated and z = 0 cannot be it.
+            states another unit or image size, or no ground is stated and z = 0 cannot be it.
         FileFormatError: if the file holds something else.
     """
     if not isinstance(unit, str) or unit not in METERS:
@@ -78,6 +78,9 @@ def read_scene(
     else:
         source = "the calibration"
         found, stated = _per_camera(as_paths(path, "path"), image_size), None
+    rig, names = (found[0].rig, found[1]) if isinstance(found, tuple) else (found.rig, found.names)
+    with naming_file(source):
+        require_stated_sizes(rig, names, image_size)
     if stated is not None:
         if unit != "m":
             raise InvalidInputError(
@@ -85,14 +88,14 @@ def read_scene(
             )
         unit = stated
     if isinstance(found, tuple):
-        scene, names = found
+        scene = found[0]
         if ground is None:
             return scene, names
         # Another ground does not make the cameras more certain.
         with naming_file(source):
             other = Scene.from_rig(scene.rig, ground, scene.metric)
         return replace(other, rig_sd=scene.rig_sd), names
-    rig, scale = found.rig, METERS[unit]
+    scale = METERS[unit]
     if ground is None:
         heights = np.asarray(rig.centers)[rig.registered, 2]
         # Boards that lie on the floor often have their z axis pointing into it.
@@ -103,7 +106,7 @@ def read_scene(
     scaled = replace(rig, t=np.asarray(rig.t) * scale) if scale != 1 else rig
     with naming_file(source):
         scene = Scene.from_rig(scaled, plane, metric=unit != "arbitrary")
-    return scene, found.names
+    return scene, names
 
 
 def require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
@@ -199,8 +202,7 @@ def _read(
                 )
             return (sequence.scene, sequence.camera_names), "m"
         if "sensors" in document:
-            size = {} if image_size is None else {"image_size": image_size}
-            return read_ai_city(source, **size), None
+            return read_ai_city(source, image_size), None
         if "cameras" in document:
             return read_rig_json(source), _unit(document["units"] == "m")
     if suffix in PER_CAMERA:
@@ -215,5 +217,5 @@ def _unit(metric: bool) -> Unit:
 def _per_camera(files: list[Path], image_size: tuple[int, int] | None) -> NamedRig:
     """Read one file per camera, of OpenCV or of MV3DT."""
     if files and PROJECTION in read_text(files[0], "calibration"):
-        return read_mv3dt(files) if image_size is None else read_mv3dt(files, image_size)
+        return read_mv3dt(files, image_size)
     return read_opencv_yaml(files, image_size=image_size)

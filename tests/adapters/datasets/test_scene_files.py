@@ -78,6 +78,15 @@ def test_every_format_gives_the_same_scene(rig, tmp_path):
         np.testing.assert_allclose(scene.ground.normal, [0, 0, 1])
 
 
+def test_an_image_size_that_contradicts_the_files_is_refused(rig, tmp_path):
+    for path in written(tmp_path, rig):
+        if path == tmp_path / "camInfo":  # whose files state no size
+            continue
+        wrong = r"image_size is 800 x 600, but the calibration of camera .* Leave it out"
+        with pytest.raises(cf.CatFreeError, match=wrong):
+            cf.read_scene(path, image_size=(800, 600))
+
+
 def test_the_case_of_a_suffix_does_not_matter(rig, tmp_path):
     size = tuple(rig.image_size[0].tolist())
     for path in written(tmp_path, rig)[:5]:  # those of one file
