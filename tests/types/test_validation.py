@@ -122,7 +122,7 @@ import numpy as np
 import catfree as cf
 from catfree.adapters import NamedRig, SynchronizedVideos, write_anipose_toml, write_colmap_text
 from catfree.adapters import read_ai_city, read_mv3dt, write_opencv_yaml, write_rig_json
-from catfree.adapters import write_scene_json
+from catfree.adapters import write_mot_ground, write_scene_json
 from catfree.evaluation import align_centres, bootstrap, calibration_curve, detection_metrics
 from catfree.evaluation import hota, tracking_metrics
 from catfree.geometry import angular_residual, back_project, distort, intersect_ray, pixel_to_ray
@@ -230,11 +230,12 @@ calls = {
     "rig must be a Rig, got NamedRig. Pass": lambda: write_opencv_yaml(folder, named),
     "rig must be a Rig, got NamedRig": lambda: write_rig_json(f"{folder}/rig.json", named),
     "rig must be a Rig, got Scene. Pass its .rig.": lambda: write_opencv_yaml(folder, scene),
-    "image_size must have shape (2), got (3,)": lambda: cf.read_scene(
-        write_scene_json(f"{folder}/s.json", scene), image_size=(9, 9, 3)
-    ),
+    "image_size must have shape (2), got (3,)": lambda: read_ai_city(folder, (9, 9, 3)),
     "image_size[1] is 0; it must be a width or": lambda: read_ai_city(folder, (9, 0)),
     "image_size must hold whole numbers": lambda: read_mv3dt([folder], "large"),
+    "tracks [frame, id, x, y] must have shape (n, 4)": lambda: write_mot_ground(
+        f"{folder}/a.txt", [1, 2], [0]
+    ),
     "rig must be a Rig, got NoneType": lambda: write_opencv_yaml(folder, None),
     "scene must be a Scene, got NamedRig": lambda: write_scene_json(f"{folder}/a.json", named),
     "ground_truth must be an (N, 4) array": lambda: tracking_metrics(tracks, []),

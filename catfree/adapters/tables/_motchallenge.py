@@ -179,13 +179,20 @@ def write_mot_ground(
             is not positive, rows have another shape, or the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
+    return write_squares(path, tracks, frames, threshold, "tracks")
+
+
+def write_squares(
+    path: StrPath, tracks: Tracks | ArrayLike, frames: ArrayLike, threshold: float, name: str
+) -> Path:
+    """Do what `write_mot_ground` does with an argument of another name."""
     threshold = as_positive(threshold, "threshold")
     score = None
     if isinstance(tracks, Tracks):
         frame, identity, score = tracks.frame, tracks.track_id, tracks.existence
         xy = np.asarray(tracks.ground_xy, np.float64)
     else:
-        rows = as_rows(tracks, 4, "rows [frame, id, x, y]").astype(np.float64)
+        rows = as_rows(tracks, 4, f"{name} [frame, id, x, y]").astype(np.float64)
         frame, identity = as_integer(rows[:, 0], "frame"), as_integer(rows[:, 1], "id")
         xy = rows[:, 2:]
     side = np.full((len(xy), 2), _SIDES_PER_THRESHOLD * threshold)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from catfree.adapters.files._documents import StrPath, write_text_atomically
-from catfree.adapters.tables._motchallenge import write_mot_ground
+from catfree.adapters.tables._motchallenge import write_squares
 from catfree.errors import InvalidInputError, quoted
 from catfree.types import Tracks
 from catfree.types._validation import as_integer, as_path, as_positive
@@ -56,8 +56,8 @@ def write_trackeval(
     root = as_path(folder, "folder")
     truth_folder = make_folder(root / "gt" / sequence / "gt")
     tracker_folder = make_folder(root / "trackers" / tracker / "data")
-    write_mot_ground(truth_folder / "gt.txt", ground_truth, frames, threshold=gate)
-    write_mot_ground(tracker_folder / f"{sequence}.txt", tracks, frames, threshold=gate)
+    write_squares(truth_folder / "gt.txt", ground_truth, frames, gate, "ground_truth")
+    write_squares(tracker_folder / f"{sequence}.txt", tracks, frames, gate, "tracks")
     count = len(np.unique(as_integer(frames, "frames")))
     info = configparser.ConfigParser(interpolation=None)
     info.optionxform = str  # type: ignore[assignment,method-assign]

@@ -134,6 +134,13 @@ def test_trackeval_names_what_it_cannot_write(options, message, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["tracks", "ground_truth"])
+def test_trackeval_names_which_of_both_are_no_rows(name, tmp_path):
+    given = {"tracks": walking(), "ground_truth": rows_of(walking())} | {name: np.zeros((3, 2))}
+    with pytest.raises(InvalidInputError, match=rf"^{name} .* must have shape \(n, 4\), got"):
+        write_trackeval(tmp_path, **given, frames=np.arange(0, 40, 5))
+
+
 @pytest.mark.parametrize("images", [False, True])
 def test_ai_city_gives_back_every_position(images, tmp_path):
     tracks = walking()
