@@ -33,8 +33,8 @@ class Identities:
 
     Attributes:
         local: (K,) identity within the shard, sorted.
-        identity: (K,) identity in the recording, counted from 0 in the order in which people
-            first appear.
+        identity: (K,) person in the recording; people who first appear later have higher numbers,
+            not all of which occur.
         stop: (K,) frame before which the track ends, because the person goes on as another one.
     """
 
@@ -79,10 +79,7 @@ def identify_recording(
     habits = add_habits([summary.habits for summary in summaries])
     first_of, stop = chains(people, link_fragments(people, habits))
     order = np.lexsort((*people.begin.T[::-1], people.begin_sigma, people.first))
-    roots = order[first_of[order] == order]
-    number = np.empty(len(people), np.int64)
-    number[roots] = np.arange(len(roots))
-    columns = (table.identity, number[first_of[person]], stop[person])
+    columns = (table.identity, np.argsort(order)[first_of[person]], stop[person])
     by_shard = [np.split(column, begin[1:-1]) for column in columns]
     return [Identities(*parts) for parts in zip(*by_shard, strict=True)]
 
