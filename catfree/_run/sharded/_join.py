@@ -5,7 +5,7 @@ import itertools
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -35,7 +35,7 @@ from catfree._run.sharded._receipt import (
 )
 from catfree._run.sharded._run_shard import PLACES
 from catfree._run.sharded._shard import Shard
-from catfree._run.sharded._stored_tracks import StoredTracks, open_tracks
+from catfree._run.sharded._stored_tracks import StoredPart, StoredTracks, open_tracks, row_of
 from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import (
     StrPath,
@@ -116,7 +116,7 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
         for receipt, part in zip(receipts, identities, strict=True)
     ]
     for stale in folder.glob("part-*.parquet"):
-        if stale.name not in {part["file"] for part in parts}:
+        if stale.name not in {part.path.name for part in parts}:
             stale.unlink()
     document = {
         "schema": MANIFEST_SCHEMA,
@@ -128,7 +128,7 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
         "scene_file": first.scene_file,
         "clock": first.clock,
         "people": int(numbers.max(initial=-1)) + 1,
-        "parts": parts,
+        "parts": list(map(row_of, parts)),
     }
     write_text_atomically(folder / MANIFEST, json.dumps(document, indent=1) + "\n")
     return open_tracks(folder)
@@ -257,7 +257,7 @@ def _write_joined(
     area: Area | None,
     numbers: np.ndarray,
     camera_names: Sequence[str],
-) -> dict[str, Any]:
+) -> StoredPart:
     """Write the positions that a shard reports with their identities in the recording.
 
     Args:
@@ -296,12 +296,12 @@ def _write_joined(
     metadata = {**table.schema.metadata, b"camera_names": json.dumps(camera_names)}
     table = table.replace_schema_metadata(metadata)
     path = write_parquet(folder / files.part.name, table, compression="zstd")
-    return {
-        "file": path.name,
-        "first": receipt.first,
-        "stop": receipt.stop,
-        "rows": len(table),
-        "sha256": hash_file(path),
-        "boxes_used": receipt.boxes_used,
-        "warnings": receipt.warnings,
-    }
+    return StoredPart(
+        path=path,
+        first=receipt.first,
+        stop=receipt.stop,
+        rows=len(table),
+        sha256=hash_file(path),
+        boxes_used=receipt.boxes_used,
+        warnings=receipt.warnings,
+    )

@@ -1,6 +1,7 @@
 """`open_tracks`: the joined table of a recording, read part by part."""
 
 import os
+import typing
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -139,16 +140,20 @@ def open_tracks(out: StrPath) -> StoredTracks:
     return StoredTracks(folder, scene, names, clock, people, parts)
 
 
+def row_of(part: StoredPart) -> dict[str, Any]:
+    """What the manifest says about a part."""
+    rest = {name: value for name, value in vars(part).items() if name != "path"}
+    return {"file": part.path.name} | rest
+
+
 def _part(folder: Path, row: dict[str, Any]) -> StoredPart:
-    name, used = row["file"], row["boxes_used"]
+    """Read what `row_of` returned."""
+    name = row["file"]
     if not isinstance(name, str) or Path(name).name != name or name != shortened(name):
         raise InvalidInputError(f"{quoted(name)} is not the name of a part")
-    return StoredPart(
-        path=folder / name,
-        first=int(row["first"]),
-        stop=int(row["stop"]),
-        rows=int(row["rows"]),
-        sha256=str(row["sha256"]),
-        boxes_used=None if used is None else as_number(used, "boxes_used"),
-        warnings=tuple(map(str, row["warnings"])),
-    )
+    hints = typing.get_type_hints(StoredPart)
+    del hints["path"]
+    values = {name: from_json(hint, row[name], name) for name, hint in hints.items()}
+    if values["boxes_used"] is not None:
+        as_number(values["boxes_used"], "boxes_used")
+    return StoredPart(folder / name, **values)
