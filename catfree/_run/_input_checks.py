@@ -425,6 +425,11 @@ def clock_warnings(
     )
 
 
+def calibrating_score(settings: Settings) -> float:
+    """The least score of boxes that a rig is estimated from."""
+    return max(settings.confidence, settings.calibration_confidence)
+
+
 def calibration_warnings(
     calibration: Calibration,
     detections: Detections,
@@ -446,8 +451,8 @@ def calibration_warnings(
         for c in np.flatnonzero(offset)
     ]
     warnings += calibration.contradictions
-    least = max(settings.confidence, settings.calibration_confidence)
-    sure = remove_offsets(detections[is_confident(detections, least)], offset)
+    sure = detections[is_confident(detections, calibrating_score(settings))]
+    sure = remove_offsets(sure, offset)
     for camera in np.flatnonzero(~calibration.scene.rig.registered):
         likely_offset = offset_for(calibration, sure, int(camera), LONGEST, settings.calibration)
         if likely_offset:

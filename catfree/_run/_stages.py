@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._cache import StageCache, cached
-from catfree._run._input_checks import tiny_boxes
+from catfree._run._input_checks import calibrating_score, tiny_boxes
 from catfree._run._stitch import stitch_tracks
 from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree._run.detection._second_look import expected_people, look_again
@@ -66,7 +66,7 @@ def calibrate_cameras(
         rules = dataclasses.replace(rules, box_slack=getattr(detector, "box_slack", usual))
     # Other settings have no effect here, so changing them does not invalidate the cache.
     settings = Settings(
-        confidence=max(settings.confidence, settings.calibration_confidence),
+        confidence=calibrating_score(settings),
         calibration_confidence=settings.calibration_confidence,
         evidence=settings.evidence,
         calibration=rules,
