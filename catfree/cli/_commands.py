@@ -118,6 +118,43 @@ def _are_strided(tracked: np.ndarray, truth_frames: np.ndarray, even: np.ndarray
     return bool(2 * len(tracked) > even.sum() and within.sum() >= 2 * even.sum() - 1)
 
 
+def _better_numbering(
+    truth: np.ndarray, predicted: np.ndarray, frames: np.ndarray, gate: float
+) -> str | None:
+    """Say by how much the true frame numbers are too low or high, if most frames fit far better so.
+
+    Args:
+        truth: (G, 4) rows [frame, id, x, y].
+        predicted: (P, 4) rows of the same form.
+        frames: (F,) frame numbers that both have, sorted.
+        gate: largest distance of a match.
+    """
+    from catfree.evaluation import detection_metrics
+
+    def shifted(by: int) -> Any:
+        moved = np.add(truth, [by, 0, 0, 0])
+        return detection_metrics(moved, predicted, frames + by, gate)
+
+    def closeness(one: Any) -> float:
+        return one.tp * one.modp
+
+    step = int(np.gcd.reduce(np.diff(np.union1d(truth[:, 0], predicted[:, 0]).astype(np.int64))))
+    given, shift = shifted(0), 0
+    best = given
+    for way in (-step, step):
+        while step and closeness(near := shifted(shift + way)) > closeness(best):
+            best, shift = near, shift + way
+    wrong, left = (one.fp_per_frame + one.fn_per_frame for one in (given, best))
+    if 2 * (2 * left < wrong).sum() <= len(frames):
+        return None
+    way = "higher" if shift > 0 else "lower"
+    return (
+        f"Were the frame numbers of the truth {abs(shift)} {way}, MODA would be {best.moda:.2f} "
+        f"instead of {given.moda:.2f} in the frames that both have. Check from which number each "
+        "of the two counts its frames."
+    )
+
+
 def run(
     videos: Positional[tuple[Path, ...]],
     out: Path = Path("catfree_results"),
@@ -523,10 +560,11 @@ def evaluate(
         scored = truth_frames[even]
     elif _are_strided(tracked, truth_frames, even):
         warn([f"The {len(tracked)} frames of {tracks} {STRIDED}"])
+    every = predicted
     predicted = predicted[np.isin(predicted[:, 0], scored)]
     people = anywhere = detection_metrics(truth, predicted, scored, detection_gate)
     if within is not None:
-        truth, predicted = crop(truth, within), crop(predicted, within)
+        truth, predicted, every = (crop(rows, within) for rows in (truth, predicted, every))
         people = detection_metrics(truth, predicted, scored, detection_gate)
     if not len(truth):
         raise InsufficientDataError(
@@ -535,7 +573,10 @@ def evaluate(
         )
     if 2 * alone > len(tracked):
         warn([f"{alone} of the {len(tracked)} frames of {tracks} {NO_TRUTH}"])
-    if anywhere.tp < HARDLY_ANY * min(anywhere.tp + anywhere.fp, anywhere.tp + anywhere.fn):
+    common = np.intersect1d(truth_frames, tracked)
+    if numbering := _better_numbering(truth, every, common, detection_gate):
+        warn([numbering])
+    elif anywhere.tp < HARDLY_ANY * min(anywhere.tp + anywhere.fp, anywhere.tp + anywhere.fn):
         warn([f"Hardly any positions of {tracks} and {ground_truth} {ELSEWHERE}"])
     rows = [
         (f"MODA ({detection_gate:g} m)", f"{people.moda:.2f}"),

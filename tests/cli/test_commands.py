@@ -33,6 +33,7 @@ from catfree.adapters import (
     read_scene_json,
     read_tracks_csv,
     write_scene_json,
+    write_tracks_csv,
 )
 from catfree.cli._terminal import print_result
 from catfree.errors import CatFreeError, InvalidInputError
@@ -41,7 +42,7 @@ from catfree.methods.paper._assemble import empty_localization
 from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
-from catfree.types import Detections, Scene, Thresholds
+from catfree.types import Detections, Scene, Thresholds, Tracks
 from catfree.types._writing import ABANDONED_AFTER
 from catfree.viz.page._blocks import (
     Folded,
@@ -57,7 +58,8 @@ from catfree.viz.page._blocks import (
 )
 from tests.known_calibration import calibration_of
 
-COMMANDS = pytest.importorskip("catfree.cli._commands").COMMANDS
+commands = pytest.importorskip("catfree.cli._commands")
+COMMANDS = commands.COMMANDS
 
 FRAMES, SIZE = 30, (1280, 720)
 
@@ -318,6 +320,46 @@ def test_evaluate_scores_tracks(world, results, tmp_path, capsys):
     shown = capsys.readouterr().out
     for measure in ("MODA", "IDF1", "HOTA"):
         assert re.search(rf"{measure}.*100\.00", shown)
+
+
+def walkers(frames, speeds):
+    """People who walk straight, by some meters per frame; rows [frame, id, x, y]."""
+    frame, person = (grid.ravel() for grid in np.meshgrid(frames, range(len(speeds))))
+    return np.column_stack([frame, person, np.take(speeds, person) * frame, 5.0 * person])
+
+
+@pytest.mark.parametrize("stride", [1, 10])
+@pytest.mark.parametrize("shift", [-3, -1, 1, 2])
+def test_truth_with_other_numbers_of_frames_is_told(stride, shift):
+    frames, by = stride * np.arange(20), stride * shift
+    tracks = walkers(frames, np.array([0.2, 0.6, 1.0]) / stride)
+    truth = np.add(tracks, [by, 0, 0, 0])
+    said = commands._better_numbering(truth, tracks, np.intersect1d(frames, frames + by), 0.5)
+    way = "lower" if shift > 0 else "higher"
+    assert f"numbers of the truth {abs(by)} {way}, MODA would be 100.00 instead of -" in said
+    assert commands._better_numbering(tracks, tracks, frames, 0.5) is None
+
+
+def test_frames_that_are_off_by_less_than_a_match_are_not_told():
+    tracks = walkers(np.arange(20), [0.02, 0.05])
+    later = np.add(tracks, [1, 0, 0, 0])
+    assert commands._better_numbering(later, tracks, np.arange(1, 20), 0.5) is None
+    assert commands._better_numbering(tracks, tracks[:0], np.arange(0), 0.5) is None
+    assert commands._better_numbering(tracks[:1], tracks[:1], np.arange(1), 0.5) is None
+
+
+@pytest.mark.slow
+def test_evaluate_warns_of_truth_with_other_numbers(tmp_path, capsys):
+    rows = walkers(range(20), [0.6, 0.8])
+    n = len(rows)
+    ground = np.column_stack([rows[:, 2:], np.zeros(n)])
+    columns = (rows[:, 0], rows[:, 1], ground, rows[:, 2:], np.full(n, 0.1), np.zeros((n, 2, 2)))
+    write_tracks_csv(tmp_path / "tracks.csv", Tracks(*columns, np.full(n, 2), np.zeros(n)))
+    lines = [f"{frame + 1:.0f},{person:.0f},{x},{y}" for frame, person, x, y in rows]
+    (tmp_path / "truth.csv").write_text("\n".join(["frame,id,x,y", *lines]))
+    words = ["evaluate", str(tmp_path / "tracks.csv"), str(tmp_path / "truth.csv")]
+    assert cli.main(words) == 0
+    assert "frame numbers of the truth 1 lower" in capsys.readouterr().err
 
 
 @pytest.mark.slow
