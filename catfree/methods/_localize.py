@@ -22,6 +22,7 @@ from catfree.types._scene import require_plausible_heights, require_scene
 from catfree.types._validation import (
     as_pictures,
     require_boxes_in_images,
+    require_changing_pictures,
     require_different_cameras,
     require_few_people,
     require_instance,
@@ -106,6 +107,7 @@ def localize(
         lambda: require_plausible_heights(scene),
         lambda: require_boxes_in_images(camera, box, scene.rig.image_size, camera_names),
         lambda: require_different_cameras(frame, camera, box, camera_names),
+        lambda: require_changing_pictures(frame, camera, box, camera_names),
     )
     if not keep.any():
         warnings += (_why_none_is_used(detections, scene, settings),)

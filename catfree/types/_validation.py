@@ -20,7 +20,7 @@ from catfree.errors import InvalidInputError, quoted, shortened
 
 T = TypeVar("T")
 
-FEWEST_TWINS = 10  # boxes of a camera: fewer may be alike in two cameras by chance
+FEWEST_TWINS = 10  # boxes or pictures of a camera: fewer may be alike by chance
 LARGEST_PIXEL = 1e9  # of a corner; an image has some 1e5, and larger squares overflow
 MOST_OUTSIDE = 0.25  # of the boxes of a camera: those of people who are mostly out of view
 MOST_BOXES = 5000  # at an instant: the densest benchmark crowd seen by 20 cameras
@@ -514,6 +514,43 @@ def require_different_cameras(
                 "read twice. Pass each camera once."
             )
         first[key] = one
+
+
+def require_changing_pictures(
+    frame: np.ndarray, camera: np.ndarray, box: np.ndarray, names: Sequence[str] | None = None
+) -> None:
+    """Raise if a camera has exactly the same boxes in every picture, but another one has not.
+
+    Noise changes every new picture, and so the boxes in it.
+
+    Args:
+        frame: (N,) frame numbers.
+        camera: (N,) camera indices.
+        box: (N, 4) boxes; cameras with boxes in fewer than `FEWEST_TWINS` frames are not judged.
+        names: of the cameras, for the message.
+    """
+    still, changing = {}, False
+    for one in np.unique(camera).tolist():
+        frames, picture = np.unique(frame[camera == one], return_inverse=True)
+        boxes = box[camera == one]
+        shape = len(frames), len(boxes) // len(frames)
+        same = shape[0] * shape[1] == len(boxes)
+        if same:
+            order = np.lexsort((*boxes.T, picture))
+            pictures, boxes = picture[order].reshape(shape), boxes[order].reshape(*shape, 4)
+            same = bool((pictures == pictures[:, :1]).all() and (boxes == boxes[:1]).all())
+        if not same:
+            changing = True
+        elif len(frames) >= FEWEST_TWINS:
+            still[one] = shape
+    if still and changing:
+        one, (frames, count) = next(iter(still.items()))
+        raise InvalidInputError(
+            f"Camera {shown_camera(one, names)} has exactly the same boxes ({count}) in all its "
+            f"{frames} frames with boxes, but those of other cameras change: its picture is "
+            "frozen, or shows nobody. Look at it; if it is frozen, leave out these boxes, and pass "
+            "its pictures as silent."
+        )
 
 
 def as_pictures(silent: Any) -> np.ndarray:

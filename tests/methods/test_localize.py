@@ -487,6 +487,21 @@ def test_one_video_under_two_names_is_told(settings):
 
 
 @pytest.mark.parametrize("settings", [Settings(), PAPER], ids=["evidence", "paper"])
+def test_a_frozen_camera_is_told(settings):
+    boxes, said = WORLD.detections, "Camera 1 has exactly the same boxes"
+    frames = np.unique(boxes.frame)
+    picture = np.flatnonzero((boxes.camera == 1) & (boxes.frame == frames[0]))
+    rows = np.concatenate([np.flatnonzero(boxes.camera != 1), np.tile(picture, len(frames))])
+    frame = boxes.frame[rows]
+    frame[boxes.camera[rows] == 1] = np.repeat(frames, len(picture))
+    frozen = dataclasses.replace(boxes[rows], frame=frame)
+    warnings = cf.localize(frozen, WORLD.scene, settings).warnings
+    assert any(warning.startswith(said) for warning in warnings)
+    warnings = cf.localize(boxes, WORLD.scene, settings).warnings
+    assert not any("exactly the same" in warning for warning in warnings)
+
+
+@pytest.mark.parametrize("settings", [Settings(), PAPER], ids=["evidence", "paper"])
 def test_a_metric_scene_of_higher_cameras_than_people_can_be_seen_from_is_told(settings):
     rig, ground = WORLD.scene.rig, WORLD.scene.ground
     people = cf.localize(WORLD.detections, WORLD.scene, settings)

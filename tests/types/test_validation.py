@@ -24,6 +24,7 @@ from catfree.types._validation import (
     as_number,
     as_path,
     require_boxes_in_images,
+    require_changing_pictures,
     require_different_cameras,
     require_few_people,
     require_instance,
@@ -516,6 +517,26 @@ def test_a_duration_is_not_negative():
         InvalidInputError, match="lag is -2; it must be a number of seconds, 0 or more"
     ):
         as_duration(-2, "lag")
+
+
+@given(st.integers(0, 10**6), st.integers(10, 20), st.integers(1, 3), st.integers(0, 2))
+def test_a_camera_whose_picture_never_changes_is_named(seed, frames, count, frozen):
+    rng = np.random.default_rng(seed)
+    box = rng.uniform(0, 500, (3, frames, count, 4))
+    box[frozen] = box[frozen, 0]
+    camera, frame, _ = np.indices(box.shape[:-1])
+    mixed = rng.permutation(camera.size)
+
+    def judge(box):
+        rows = (frame.ravel(), camera.ravel(), box.reshape(-1, 4))
+        require_changing_pictures(*(part[mixed] for part in rows), ["a", "b", "c"])
+
+    told = rf"Camera '{'abc'[frozen]}' has exactly the same boxes \({count}\) in all its {frames} "
+    with pytest.raises(InvalidInputError, match=told):
+        judge(box)
+    judge(np.broadcast_to(box[:, :1], box.shape))  # nobody moves
+    box[frozen, frames // 2, 0, 1] += 1e-9
+    judge(box)
 
 
 def boxes_of(rng, count):
