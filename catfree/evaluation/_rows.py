@@ -13,6 +13,7 @@ from catfree.types._validation import as_float, as_integer, refuse
 Number = float | int | np.number
 Rows = Float[np.ndarray, "n 4"]
 Frames = ArrayInput | Set[int | np.integer]
+_COLUMNS = ["frame", "id", "x", "y"]
 
 
 def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
@@ -29,6 +30,11 @@ def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
     Raises:
         InvalidInputError: naming the first invalid row.
     """
+    names = [str(one) for one in getattr(rows, "columns", ())]
+    if names != _COLUMNS and sorted(names) == sorted(_COLUMNS):
+        raise InvalidInputError(
+            f"{name} has the columns {names}; pass those of {_COLUMNS}, in this order."
+        )
     try:
         array = np.asarray(as_float(rows), np.float64)
     except (TypeError, ValueError) as error:

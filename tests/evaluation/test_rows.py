@@ -44,6 +44,15 @@ def scores(truth, predicted, frames):
     )
 
 
+def test_columns_of_a_table_in_another_order_are_refused():
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame({"id": [7], "frame": [0], "x": [1.0], "y": [2.0]})
+    with pytest.raises(InvalidInputError, match=r"ground_truth has the columns \['id', 'frame',"):
+        evaluation.detection_metrics(table, [])
+    right = table[["frame", "id", "x", "y"]]
+    assert evaluation.detection_metrics(right, right.to_numpy()).tp == 1
+
+
 @pytest.mark.slow
 @given(people(), people())
 def test_a_listed_frame_without_rows_changes_no_score(truth, predicted):
