@@ -83,6 +83,8 @@ def as_path(value: Any, name: str) -> Path:
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
         raise InvalidInputError(f"{name} must be a path, got {type(value).__name__}.")
+    if not text:  # as of a variable that is not set; pathlib takes it for the current folder
+        raise InvalidInputError(f"{name} is empty. Give a path; that of the current folder is '.'.")
     text = os.path.expanduser(text)
     try:
         os.lstat(text)
@@ -100,7 +102,7 @@ def as_path(value: Any, name: str) -> Path:
 
 def is_listed(value: Any) -> bool:
     """Return whether a value has entries, as text and arrays of no axis have not."""
-    has_entries = isinstance(value, Iterable) and not isinstance(value, str | Mapping)
+    has_entries = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
     return has_entries and getattr(value, "shape", None) != ()
 
 

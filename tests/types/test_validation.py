@@ -23,6 +23,7 @@ from catfree.types._validation import (
     as_integer,
     as_number,
     as_path,
+    as_paths,
     require_boxes_in_images,
     require_changing_pictures,
     require_different_cameras,
@@ -438,10 +439,17 @@ def test_instances_are_named_by_argument_and_type():
         require_instance(SimpleNamespace(columns=["frame"]), Detections, "detections")
 
 
-@pytest.mark.parametrize(("value", "kind"), [(None, "NoneType"), (3, "int"), (["a"], "list")])
-def test_what_is_no_path_is_named_by_its_type(value, kind):
+@pytest.mark.parametrize(("value", "kind"), [(None, "NoneType"), (3, "int"), (b"a", "bytes")])
+@pytest.mark.parametrize("convert", [as_path, as_paths])
+def test_what_is_no_path_is_named_by_its_type(value, kind, convert):
     with pytest.raises(InvalidInputError, match=rf"^path must be a path, got {kind}\.$"):
-        as_path(value, "path")
+        convert(value, "path")
+
+
+def test_an_empty_path_is_not_the_current_folder():
+    with pytest.raises(InvalidInputError, match=r"^path is empty\. Give a path"):
+        as_path("", "path")
+    assert as_path(".", "path") == Path()
 
 
 @pytest.mark.parametrize(
