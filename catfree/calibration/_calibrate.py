@@ -17,7 +17,7 @@ from catfree.calibration.people._register import camera_sizes
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._detections import is_confident
 from catfree.types._processes import require_own_process
 from catfree.types._validation import require_instance
@@ -123,6 +123,6 @@ def refine_registered(
     rules, best = settings.calibration, registered
     if rules.evidence_rounds > 0:
         synchronized = remove_offsets(detections, registered.frame_offset)
-        loop = EvidenceLoop(synchronized, settings, progress or no_progress, camera_names)
+        loop = EvidenceLoop(synchronized, settings, as_progress(progress), camera_names)
         best = confirm(*loop.synchronized(loop.settle(registered)), rules)
     return without_vague_cameras(best, rules, camera_names)

@@ -29,7 +29,7 @@ from catfree.methods.paper.association import (
 )
 from catfree.settings import Settings
 from catfree.types import Detections, Plane, Rays, Rig, Scene
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._detections import is_confident
 from catfree.types._rig import require_pinholes
 from catfree.types._sampling import evenly_spread
@@ -114,7 +114,7 @@ def refine(
     require_scene(scene)
     require_instance(settings, Settings, "settings")
     rounds = as_count(rounds, "rounds", least=0)
-    report = progress or no_progress
+    report = as_progress(progress)
     require_pinholes(scene.rig)
     require_known_cameras(detections.camera, scene.rig.camera_count)
     if scene.rig.registered.sum() < CAMERAS:

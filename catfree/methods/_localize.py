@@ -15,7 +15,7 @@ from catfree.methods.paper._assemble import empty_localization
 from catfree.methods.paper._localize_by_paper import localize_by_paper
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._detections import is_confident
 from catfree.types._processes import require_own_process
 from catfree.types._scene import require_plausible_heights, require_scene
@@ -78,7 +78,7 @@ def localize(
     require_scene(scene)
     require_instance(settings, Settings, "settings")
     require_names(camera_names, scene.rig.camera_count)
-    report = progress or no_progress
+    report = as_progress(progress)
     missing = _missing_pictures(silent, detections, scene, camera_names)
     keep = usable(detections, scene, settings, camera_names)
     result = None

@@ -243,6 +243,10 @@ calls = {
     "ground_truth must be an (N, 4) array": lambda: tracking_metrics(tracks, []),
     "[frame, id, x, y]. Expected an array, got lists": lambda: detection_metrics([[1], [1, 2]], []),
     "Expected numbers, got object.": lambda: detection_metrics(object(), []),
+    "progress is True; it must be a function": lambda: cf.localize(none, scene, progress=True),
+    "progress is 'bar'; it must be a function": lambda: cf.refine(
+        boxes([0, 0]), scene, progress="bar"
+    ),
     "rounds is 1.5": lambda: cf.refine(boxes([0, 0]), scene, rounds=1.5),
     "rounds is -1": lambda: cf.refine(boxes([0, 0]), scene, rounds=-1),
     "offset is 1.5": lambda: cf.calibrate(boxes([0, 0]), (9, 9), maximum_offset=1.5),

@@ -32,7 +32,7 @@ from catfree.adapters.protocols import Detector, FittedToCamera, Image
 from catfree.adapters.video._detect_videos import fit_to_camera, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import CatFreeError
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 
 T = TypeVar("T")
 # A frame and one result per camera that has a picture.
@@ -73,7 +73,7 @@ class CameraDetectors:
                 may not start others, if detector or embedder cannot be pickled, or if the detector
                 is not fitted to cameras: it is then a network, which uses all processors.
         """
-        self.detector, self.progress = detector, progress or no_progress
+        self.detector, self.progress = detector, as_progress(progress)
         self._videos, self._cache = videos, cache
         several = (
             workers > 1

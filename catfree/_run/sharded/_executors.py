@@ -17,7 +17,7 @@ from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError, quoted
 from catfree.settings import Settings
 from catfree.types import Scene
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._processes import processor_count
 from catfree.types._validation import as_count, as_instances, as_path, require_instance
 
@@ -70,7 +70,7 @@ def run_shards(
     """
     recordings = _by_recording(plan)
     scenes = {key: _scene_of(scene, key[0]) for key in recordings}
-    report = progress or no_progress
+    report = as_progress(progress)
     failed: dict[RecordingKey, CatFreeError] = {}
     waiting = {key: len(parts) for key, parts in recordings.items()}
     joined: dict[RecordingKey, StoredTracks] = {}

@@ -54,7 +54,7 @@ from catfree.errors import (
 )
 from catfree.settings import Settings
 from catfree.types import Detections, Scene
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._validation import as_instances, as_number, as_path, as_pictures
 from catfree.types._writing import make_folder
 
@@ -162,7 +162,7 @@ def run_sites(
     ]
     with executor_for(executor) as pool:
         scenes, camera_names, failed = _scenes(
-            sites, out, settings, detector, pool, progress or no_progress
+            sites, out, settings, detector, pool, as_progress(progress)
         )
         reasons = [f"{name}: {error}" for name, error in failed.items()]
         cause: CatFreeError | None = next(iter(failed.values()), None)

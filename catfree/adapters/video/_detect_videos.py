@@ -28,7 +28,7 @@ from catfree.adapters.video._validate_plugin_output import (
 )
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.types import Detections
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._processes import processor_count
 from catfree.types._validation import require_instance
 
@@ -71,7 +71,7 @@ def detect_videos(
     require_part(detector, "detector")
     if embedder is not None:
         require_part(embedder, "embedder")
-    report = progress or no_progress
+    report = as_progress(progress)
     detectors = fit_to_cameras(videos, detector, report)
     describe = None if embedder is None else Describer(embedder)
 

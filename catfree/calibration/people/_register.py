@@ -20,7 +20,7 @@ from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Scene
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._validation import (
     as_count,
     as_integer,
@@ -135,7 +135,7 @@ def register(
     size = camera_sizes(detections, image_size)
     require_boxes_in_images(detections.camera, detections.box, size, camera_names)
     require_names(camera_names, len(size))
-    report = progress or no_progress
+    report = as_progress(progress)
     offset = np.zeros(len(size), np.int64)
     work, registered = _register_bent(detections, size, settings, camera_names, report)
     if maximum_offset > 0:

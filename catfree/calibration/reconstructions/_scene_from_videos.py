@@ -9,7 +9,7 @@ from catfree.calibration.reconstructions._aggregate import aggregate
 from catfree.calibration.reconstructions._ground import find_ground
 from catfree.errors import InsufficientDataError
 from catfree.types import Detections, Scene
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._validation import as_count, require_instance
 from catfree.types.results._reconstruction import Reconstruction
 
@@ -47,7 +47,7 @@ def scene_from_videos(
     require_instance(videos, SynchronizedVideos, "videos")
     require_part(reconstructor, "reconstructor")
     instants = as_count(instants, "instants", least=1)
-    report = progress or no_progress
+    report = as_progress(progress)
     complete = np.flatnonzero(~np.isin(videos.frames, videos.silent[:, 0]))
     if not len(complete):
         raise InsufficientDataError(f"No instant is in all {videos.camera_count} videos.")

@@ -14,7 +14,7 @@ from catfree.calibration.watching._time_of_change import costs_of_people, time_o
 from catfree.methods import localize
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._processes import require_own_process
 from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, require_instance
@@ -87,7 +87,7 @@ def watch(
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
     maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
-    report = progress or no_progress
+    report = as_progress(progress)
     if localization is None:
         localization = localize(detections, scene, settings, progress, silent=silent)
     require_instance(localization, Localization, "localization")

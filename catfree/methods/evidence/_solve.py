@@ -18,7 +18,7 @@ from catfree.methods.evidence.passes._observe_boxes import observe_boxes
 from catfree.methods.evidence.passes._weigh_groups import weigh_groups
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 
 Pass = Callable[[EvidenceState, EvidenceSettings], EvidenceState]
 
@@ -56,7 +56,7 @@ def solve(
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
     settings = settings or EvidenceSettings()
-    report = progress or no_progress
+    report = as_progress(progress)
     with float_width_of(detections.box):
         report("self-calibration", 0, 1)
         # Nothing else holds the used detections: they may be a copy of all embeddings.

@@ -19,7 +19,7 @@ from catfree.methods.paper.association import (
 from catfree.methods.paper.trajectories import build_trajectories
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Rays, Scene
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 
 
 class Associated(NamedTuple):
@@ -76,7 +76,7 @@ def associate_detections(
     progress: Progress | None = None,
 ) -> Associated:
     """Group the detections of each frame by person; see `localize_by_paper`."""
-    report = progress or no_progress
+    report = as_progress(progress)
     rig = CanonicalFrame.of(scene).rig(scene.rig)
     observations = observe(detections, rig, keep=keep)
     rays = cast_rays(observations, rig)
@@ -90,7 +90,7 @@ def locate_people(
     associated: Associated, scene: Scene, settings: Settings, progress: Progress | None = None
 ) -> Localization:
     """Locate the groups, select positions, and link them to tracks; see `localize_by_paper`."""
-    report = progress or no_progress
+    report = as_progress(progress)
     observations, rays, groups, tracklet, pose_ratio, detection_count = associated
     rig = CanonicalFrame.of(scene).rig(scene.rig)
     report("positions", 0, 1)

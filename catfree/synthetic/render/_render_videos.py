@@ -24,7 +24,7 @@ from catfree.synthetic.render._painter import Painter
 from catfree.synthetic.render._stage import Stage, build_stage, street_furniture
 from catfree.synthetic.render._textures import ground_picture
 from catfree.types import Rig
-from catfree.types._annotations import Progress, no_progress
+from catfree.types._annotations import Progress, as_progress
 from catfree.types._processes import processor_count
 from catfree.types._writing import make_folder, remove_abandoned, replacement
 
@@ -109,7 +109,7 @@ def render_videos(
     workers = min(processor_count(), cameras) if workers is None else workers
     if workers < 1:
         raise InvalidInputError(f"workers is {workers}; it must be at least 1.")
-    total, report = cameras * len(world.walkers.present), progress or no_progress
+    total, report = cameras * len(world.walkers.present), as_progress(progress)
     if workers == 1:
         done, ground = 0, ground_picture(stage)
         for task in tasks:
