@@ -12,7 +12,6 @@ from catfree.synthetic.render._raycasting import (
     cast_block,
     cast_cylinder,
     cast_sphere,
-    light,
 )
 from catfree.synthetic.render._stage import Cylinder, Sphere, Stage
 from catfree.synthetic.render._textures import (
@@ -59,32 +58,33 @@ def render_background(
         camera: index of the camera.
         ground: `ground_picture(stage)`, the same for all cameras.
     """
-    canvas = Canvas(rig, camera)
-    _sky(canvas, stage)
-    _ground(canvas, ground, stage)
-    _fronts(canvas, stage)
+    canvas = Canvas(stage, rig, camera)
+    _sky(canvas)
+    _ground(canvas, *ground)
+    _fronts(canvas)
+    behind = canvas.distance.copy()
     for index, solid in enumerate(stage.solids):
         window = canvas.window(solid_outline(solid))
         if window is None:
             continue
-        ray = canvas.ray[window]
         with np.errstate(invalid="ignore", divide="ignore"):
             if isinstance(solid, Sphere):
-                cast_sphere(canvas, window, ray, solid, stage, index)
+                cast_sphere(canvas, window, solid, index)
             elif isinstance(solid, Cylinder):
-                cast_cylinder(canvas, window, ray, solid, stage)
+                cast_cylinder(canvas, window, solid)
             else:
-                cast_block(canvas, window, ray, solid, stage)
+                cast_block(canvas, window, solid)
+    is_solid = canvas.distance < behind
     haze = np.exp(-np.minimum(canvas.distance, 1e4) / HAZE)[..., None]
     color = canvas.color * haze + HAZE_COLOR * (1 - haze)
     size = tuple(int(n) for n in rig.image_size[camera])
     smooth = cv2.resize(color, size, interpolation=cv2.INTER_AREA)
-    solid_distance = np.where(canvas.solid, canvas.distance, np.float32(np.inf))
+    solid_distance = np.where(is_solid, canvas.distance, np.float32(np.inf))
     return Background(
         picture=np.clip(_vignette(smooth) * 255, 0, 255).astype(np.uint8),
         distance=solid_distance[::OVERSAMPLING, ::OVERSAMPLING].copy(),
         sunlit=cv2.resize(
-            np.where(canvas.solid, 0, canvas.sunlit).astype(np.uint8),
+            np.where(is_solid, 0, canvas.sunlit).astype(np.uint8),
             size,
             interpolation=cv2.INTER_AREA,
         ),
@@ -98,8 +98,8 @@ def _vignette(picture: np.ndarray) -> np.ndarray:
     return picture * (1 - 0.07 * (x**2 + y**2))[..., None]
 
 
-def _sky(canvas: Canvas, stage: Stage) -> None:
-    rng = np.random.default_rng([stage.seed, 8, canvas.camera])
+def _sky(canvas: Canvas) -> None:
+    rng = np.random.default_rng([canvas.stage.seed, 8, canvas.camera])
     width = canvas.distance.shape[1]
     above = np.flatnonzero((canvas.ray[..., 2] > -0.02).any(-1))
     if not above.size:
@@ -121,8 +121,7 @@ def _lookup(texture: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndar
     )
 
 
-def _ground(canvas: Canvas, ground: tuple[np.ndarray, np.ndarray], stage: Stage) -> None:
-    texture, sunlit = ground
+def _ground(canvas: Canvas, texture: np.ndarray, sunlit: np.ndarray) -> None:
     below = np.flatnonzero((canvas.ray[..., 2] < -1e-3).any(-1))
     if not below.size:
         return
@@ -131,7 +130,7 @@ def _ground(canvas: Canvas, ground: tuple[np.ndarray, np.ndarray], stage: Stage)
     ray = canvas.ray[rows]
     steep = np.minimum(ray[..., 2], -1e-3)
     distance = -canvas.center[2] / steep
-    corner = (canvas.center[:2] - stage.middle + stage.front).astype(np.float32)
+    corner = (canvas.center[:2] - canvas.stage.middle + canvas.stage.front).astype(np.float32)
     column = (corner[0] + distance * ray[..., 0]) / TEXEL - 0.5
     row = (corner[1] + distance * ray[..., 1]) / TEXEL - 0.5
     picture = _lookup(texture, column, row)
@@ -142,14 +141,13 @@ def _ground(canvas: Canvas, ground: tuple[np.ndarray, np.ndarray], stage: Stage)
     share = np.clip(distance[:last] / FAR_GROUND - 1, 0, 1)[..., None]
     picture[:last] = picture[:last] * (1 - share) + far * share
     down = ray[..., 2] < -1e-3
-    canvas.color[rows] = np.where(
-        down[..., None], picture * np.float32(1 / 255), canvas.color[rows]
-    )
-    canvas.distance[rows] = np.where(down, distance, np.inf)
+    seen = np.where(down, distance, np.nan)
+    canvas.put((rows, slice(None)), seen, picture * np.float32(1 / 255))
     canvas.sunlit[rows] = np.where(down, _lookup(sunlit, column, row), 0)
 
 
-def _fronts(canvas: Canvas, stage: Stage) -> None:
+def _fronts(canvas: Canvas) -> None:
+    stage = canvas.stage
     for wall, (axis, side) in enumerate([(0, -1), (0, 1), (1, -1), (1, 1)]):
         other = 1 - axis
         plane = stage.middle[axis] + side * stage.front[axis]
@@ -167,8 +165,7 @@ def _fronts(canvas: Canvas, stage: Stage) -> None:
             along = distance * ray[..., other]
             up = canvas.center[2] + distance * ray[..., 2]
         along += float(canvas.center[other] - stage.middle[other] + stage.front[other])
-        hit = (distance > 0) & (distance < canvas.distance[window])
-        hit &= (up >= 0) & (up < FRONT_HEIGHT)
+        hit = (distance > 0) & (up >= 0) & (up < FRONT_HEIGHT)
         hit &= (along >= 0) & (along <= length)
         if not hit.any():
             continue
@@ -177,7 +174,6 @@ def _fronts(canvas: Canvas, stage: Stage) -> None:
         normal[axis] = -side
         column, row = np.where(hit, along, 0), np.where(hit, FRONT_HEIGHT - up, 0)
         color = _lookup(picture, column / FRONT_TEXEL, row / FRONT_TEXEL) * np.float32(
-            float(light(normal, stage)) / 255
+            float(stage.light(normal)) / 255
         )
-        np.copyto(canvas.color[window], color, where=hit[..., None])
-        np.copyto(canvas.distance[window], distance, where=hit)
+        canvas.put(window, np.where(hit, distance, np.nan), color)

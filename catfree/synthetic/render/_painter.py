@@ -9,7 +9,6 @@ from catfree.synthetic._walkers import Walkers
 from catfree.synthetic.render._backdrop import Background
 from catfree.synthetic.render._bodies import BAG, body_vertices, build_mesh
 from catfree.synthetic.render._clothes import dress
-from catfree.synthetic.render._raycasting import light
 from catfree.synthetic.render._stage import Stage
 from catfree.types import Rig
 
@@ -160,5 +159,5 @@ class Painter:
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
         normal = normal / np.maximum(length, 1e-12)
         openness = 0.8 + 0.2 * np.clip(face[..., 2].mean(-1) / 1.2, 0, 1)
-        shade = light(normal, self.stage) * openness
+        shade = self.stage.light(normal) * openness
         return self.clothes[people][:, self.mesh.part] * shade[..., None]

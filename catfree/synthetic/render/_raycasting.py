@@ -11,10 +11,10 @@ OVERSAMPLING = 2  # rays per pixel along each axis; the picture is averaged down
 
 
 class Canvas:
-    """The rays of a camera and the nearest hit of each so far."""
+    """The rays of a camera on a stage and the nearest hit of each so far."""
 
-    def __init__(self, rig: Rig, camera: int) -> None:
-        self.rig, self.camera = rig, camera
+    def __init__(self, stage: Stage, rig: Rig, camera: int) -> None:
+        self.stage, self.rig, self.camera = stage, rig, camera
         width, height = (int(n) * OVERSAMPLING for n in rig.image_size[camera])
         self.center = np.asarray(rig.centers)[camera].astype(np.float32)
         # Sample positions in pixels of the picture, with the center of the first pixel at 0.
@@ -25,7 +25,6 @@ class Canvas:
         self.ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
         self.distance = np.full((height, width), np.inf, np.float32)
         self.color = np.zeros((height, width, 3), np.float32)
-        self.solid = np.zeros((height, width), bool)
         self.sunlit = np.zeros((height, width), np.float32)
 
     def window(self, outline: np.ndarray) -> tuple[slice, slice] | None:
@@ -54,48 +53,29 @@ class Canvas:
         return bool((place[:, :2] < low).all(0).any() or (place[:, :2] > high).all(0).any())
 
     def put(self, window: tuple[slice, slice], distance: np.ndarray, color: np.ndarray) -> None:
-        """Record a solid at `distance` (NaN: no hit) where it is the nearest hit."""
+        """Record a surface at `distance` (NaN: no hit) where it is the nearest hit."""
         nearer = distance < self.distance[window]
         np.copyto(self.distance[window], distance, where=nearer)
         np.copyto(self.color[window], color, where=nearer[..., None])
-        self.solid[window] |= nearer
 
 
-def light(normal: np.ndarray, stage: Stage) -> np.ndarray:
-    """Brightness (...,) of unshadowed surfaces with these unit normals."""
-    sky = stage.skylight * (0.75 + 0.25 * normal[..., 2])
-    sun = np.maximum(normal @ stage.sun.astype(normal.dtype), 0)
-    return np.asarray(sky + stage.sunlight * sun)
-
-
-def cast_sphere(
-    canvas: Canvas,
-    window: tuple[slice, slice],
-    ray: np.ndarray,
-    solid: Sphere,
-    stage: Stage,
-    index: int,
-) -> None:
-    """Draw a sphere of mottled color where the rays (rows, columns, 3) of a window hit it."""
+def cast_sphere(canvas: Canvas, window: tuple[slice, slice], solid: Sphere, index: int) -> None:
+    """Draw a sphere of mottled color where the rays of a window hit it."""
+    ray = canvas.ray[window]
     offset = (canvas.center - solid.center).astype(np.float32)
     b = ray @ offset
     distance = -b - np.sqrt(b**2 - (offset @ offset - solid.radius**2))
     normal = (offset + distance[..., None] * ray) / np.float32(solid.radius)
-    rng = np.random.default_rng([stage.seed, 9, index, canvas.camera])
+    rng = np.random.default_rng([canvas.stage.seed, 9, index, canvas.camera])
     leaves = 1 + solid.roughness * 0.45 * cloud(rng, distance.shape, 5)
     # The inside of foliage is dark: surfaces that face down get little light.
-    shade = light(normal, stage) * leaves * (0.8 + 0.2 * normal[..., 2])
+    shade = canvas.stage.light(normal) * leaves * (0.8 + 0.2 * normal[..., 2])
     canvas.put(window, distance, shade[..., None] * np.array(solid.color, np.float32))
 
 
-def cast_cylinder(
-    canvas: Canvas,
-    window: tuple[slice, slice],
-    ray: np.ndarray,
-    solid: Cylinder,
-    stage: Stage,
-) -> None:
+def cast_cylinder(canvas: Canvas, window: tuple[slice, slice], solid: Cylinder) -> None:
     """Draw an upright cylinder with its lid where the rays of a window hit it."""
+    stage, ray = canvas.stage, canvas.ray[window]
     offset = (canvas.center[:2] - solid.center).astype(np.float32)
     flat = ray[..., :2]
     a = (flat**2).sum(-1)
@@ -105,23 +85,23 @@ def cast_cylinder(
     side = (up >= solid.bottom) & (up <= solid.top) & (distance > 0)
     radial = (offset + distance[..., None] * flat) / np.float32(solid.radius)
     normal = np.concatenate([radial, np.zeros_like(radial[..., :1])], -1)
-    color = _painted(solid, radial, up, stage) * light(normal, stage)[..., None]
+    color = _painted(solid, radial, up, stage.seed) * stage.light(normal)[..., None]
     canvas.put(window, np.where(side, distance, np.nan), color)
     lid = (solid.top - canvas.center[2]) / ray[..., 2]
     beyond = offset + lid[..., None] * flat
     on_lid = (lid > 0) & ((beyond**2).sum(-1) < solid.radius**2)
-    top_light = np.float32(float(light(np.array([0.0, 0.0, 1.0]), stage)))
+    top_light = np.float32(float(stage.light(np.array([0.0, 0.0, 1.0]))))
     top = np.broadcast_to(np.array(solid.color, np.float32) * top_light, color.shape)
     canvas.put(window, np.where(on_lid, lid, np.nan), top)
 
 
-def _painted(solid: Cylinder, radial: np.ndarray, up: np.ndarray, stage: Stage) -> np.ndarray:
+def _painted(solid: Cylinder, radial: np.ndarray, up: np.ndarray, seed: int) -> np.ndarray:
     """Color of each point on a cylinder's side: posters, bricks, bands or bark."""
     base = np.broadcast_to(np.array(solid.color, np.float32), (*up.shape, 3))
     angle = np.nan_to_num(np.arctan2(radial[..., 1], radial[..., 0]) / (2 * np.pi) + 0.5)
     level = np.nan_to_num(np.clip(up, 0, 10))
     if solid.style == "posters":
-        rng = np.random.default_rng([stage.seed, 10])
+        rng = np.random.default_rng([seed, 10])
         bright = rng.uniform(0.15, 0.9, (6, 2, 3)).astype(np.float32)
         column, row = (angle * 6).astype(int) % 6, (level > 1.45).astype(int)
         inside = (np.mod(angle * 6, 1) > 0.07) & (np.mod(angle * 6, 1) < 0.93)
@@ -140,23 +120,21 @@ def _painted(solid: Cylinder, radial: np.ndarray, up: np.ndarray, stage: Stage) 
     return base
 
 
-def cast_block(
-    canvas: Canvas, window: tuple[slice, slice], ray: np.ndarray, solid: Block, stage: Stage
-) -> None:
+def cast_block(canvas: Canvas, window: tuple[slice, slice], solid: Block) -> None:
     """Draw an upright box where the rays of a window hit it: the slab test in its own axes."""
     c, s = np.cos(solid.angle), np.sin(solid.angle)
     turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], np.float32)  # world to block
     middle = np.array([*solid.center, (solid.bottom + solid.top) / 2])
     half = np.array([*solid.half, (solid.top - solid.bottom) / 2], np.float32)
     origin = turn @ (canvas.center - middle).astype(np.float32)
-    local = ray @ turn.T
+    local = canvas.ray[window] @ turn.T
     low, high = (-half - origin) / local, (half - origin) / local
     entry = np.minimum(low, high)
     distance, leaving = entry.max(-1), np.maximum(low, high).min(-1)
     axis = entry.argmax(-1)
     sign = -np.sign(np.take_along_axis(local, axis[..., None], -1)[..., 0])
     shades = np.array(
-        [[float(light(direction * turn[i], stage)) for i in range(3)] for direction in (-1.0, 1.0)],
+        [[float(canvas.stage.light(side * turn[i])) for i in range(3)] for side in (-1.0, 1.0)],
         np.float32,
     )
     shade = shades[(sign > 0).astype(int), axis]

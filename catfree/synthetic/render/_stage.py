@@ -92,6 +92,12 @@ class Stage:
         """(2,) half extents of the area."""
         return middle_and_half(self.area)[1]
 
+    def light(self, normal: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
+        """Brightness (...,) of unshadowed surfaces with these unit normals (..., 3)."""
+        sky = self.skylight * (0.75 + 0.25 * normal[..., 2])
+        sun = np.maximum(normal @ self.sun.astype(normal.dtype), 0)
+        return np.asarray(sky + self.sunlight * sun)
+
 
 def street_furniture(
     area: Area,
