@@ -43,7 +43,6 @@ class Silhouettes:
     Attributes:
         camera, frame, person: (M,) indices.
         box: (M, 4) x1, y1, x2, y2 in pixels around the whole body, including hidden parts.
-        distance: (M,) meters from the camera center to the body axis at half height.
         visible: (M, ROWS) share of each row of the box, from head to feet, that the camera sees.
         hidden_by: (M,) the person who hides most of the body, or -1.
     """
@@ -52,7 +51,6 @@ class Silhouettes:
     frame: Int[np.ndarray, " m"]
     person: Int[np.ndarray, " m"]
     box: Float[np.ndarray, "m 4"]
-    distance: Float[np.ndarray, " m"]
     visible: Float[np.ndarray, "m row"]
     hidden_by: Int[np.ndarray, " m"]
 
@@ -193,7 +191,6 @@ def _observe_one(
         frame=frame,
         person=person,
         box=box,
-        distance=distance,
         visible=(inside & ~hidden).mean(-1),
         hidden_by=hidden_by,
     )
