@@ -5,8 +5,6 @@ Velocities relax towards a desired velocity, as in the social force model (Helbi
 so they do not circle around a waypoint.
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -30,41 +28,17 @@ BACKGROUND_BAND = (1.0, 5.0)  # meters outside the area where bystanders stay
 BYSTANDER_CLEARANCE = 0.3  # meters that bystanders keep from the area
 
 
-@dataclass
 class Crowd:
-    """State of P people in G groups during the integration; lengths in meters; see `draw`."""
+    """State of P people in G groups during the integration, in meters and seconds.
 
-    group: Int[np.ndarray, " p"]
-    start: Float[np.ndarray, " g"]
-    leave: Float[np.ndarray, " g"]
-    background: Bool[np.ndarray, " g"]
-    area: tuple[float, float, float, float]
-    obstacles: Float[np.ndarray, "k 3"]
-    side: Int[np.ndarray, " g"]
-    slot: Float[np.ndarray, "p 2"] = field(init=False)
-    speed: Float[np.ndarray, " g"]
-    anchor: Float[np.ndarray, "g 2"] = field(init=False)
-    anchor_velocity: Float[np.ndarray, "g 2"] = field(init=False)
-    ahead: Float[np.ndarray, " g"] = field(init=False)
-    target: Float[np.ndarray, "g 2"] = field(init=False)
-    stand_until: Float[np.ndarray, " g"] = field(init=False)
-    standing_time: float
-    leaving: Bool[np.ndarray, " g"]
-    gone: Bool[np.ndarray, " g"]
-    position: Float[np.ndarray, "p 2"] = field(init=False)
-    velocity: Float[np.ndarray, "p 2"] = field(init=False)
-    heading: Float[np.ndarray, " p"] = field(init=False)
-    stride: Float[np.ndarray, " p"]
-    time: float = 0.0
+    Of each group: `side` of the area where bystanders stay, `speed`, place and velocity of the
+    `anchor` that its members follow, direction `ahead`, `target` and `stand_until`, and whether it
+    is `leaving` or `gone`. Of each person: `slot` beside the anchor, `position`, `velocity`,
+    `heading` and `stride`.
+    """
 
-    @property
-    def present(self) -> Bool[np.ndarray, " p"]:
-        """(P,) true for people who are in the world at the current time."""
-        return ((self.start <= self.time) & ~self.gone)[self.group]
-
-    @classmethod
-    def draw(
-        cls,
+    def __init__(
+        self,
         rng: np.random.Generator,
         *,
         area: tuple[float, float, float, float],
@@ -75,45 +49,41 @@ class Crowd:
         standing: float,
         standing_time: float,
         obstacles: Float[np.ndarray, "k 3"],
-    ) -> "Crowd":
+    ) -> None:
         """Draw people in motion at time zero; later groups wait at their entry points."""
+        self.area, self.obstacles, self.standing_time = area, obstacles, standing_time
+        self.group, self.background = group, background
+        self.start, self.leave, self.time = start, leave, 0.0
         groups, count = len(start), len(group)
-        crowd = cls(
-            group=group,
-            start=start,
-            leave=leave,
-            background=background,
-            area=area,
-            obstacles=obstacles,
-            side=rng.integers(4, size=groups),
-            speed=np.clip(rng.normal(*PREFERRED_SPEED, groups), 0.7, 1.8),
-            standing_time=standing_time,
-            leaving=np.zeros(groups, bool),
-            gone=np.zeros(groups, bool),
-            stride=rng.uniform(0, 2 * np.pi, count),
-        )
+        self.side = rng.integers(4, size=groups)
+        self.speed = np.clip(rng.normal(*PREFERRED_SPEED, groups), 0.7, 1.8)
+        self.leaving, self.gone = np.zeros(groups, bool), np.zeros(groups, bool)
+        self.stride = rng.uniform(0, 2 * np.pi, count)
         # Members walk abreast, 0.7 m apart, each slightly ahead or behind.
         size = np.bincount(group, minlength=groups)
         rank = np.arange(count) - np.searchsorted(group, group)
         across = 0.7 * (rank - (size[group] - 1) / 2)
-        crowd.slot = np.column_stack([across, rng.uniform(-0.2, 0.2, count)])
+        self.slot = np.column_stack([across, rng.uniform(-0.2, 0.2, count)])
         all_groups = np.arange(groups)
-        crowd.anchor = _waypoints(crowd, rng, all_groups)
+        self.anchor = _waypoints(self, rng, all_groups)
         late = np.flatnonzero(start > 0)
-        crowd.anchor[late] = _gates(crowd, rng, late)
-        crowd.target = _waypoints(crowd, rng, all_groups)
+        self.anchor[late] = _gates(self, rng, late)
+        self.target = _waypoints(self, rng, all_groups)
         stands = (rng.uniform(size=groups) < standing) & (start <= 0)
-        crowd.stand_until = np.where(stands, rng.exponential(standing_time, groups), 0.0)
-        direction = unit(crowd.target - crowd.anchor)
-        crowd.anchor_velocity = direction * (crowd.speed * ~stands)[:, None]
-        crowd.ahead = np.arctan2(direction[:, 1], direction[:, 0])
-        crowd.heading = crowd.ahead[group]
-        crowd.position = _places(crowd)
-        crowd.position = outside_obstacles(crowd.position, obstacles)
-        crowd.velocity = crowd.anchor_velocity[group].copy()
-        turned = crowd.slot.sum(-1)  # a standing person may face any direction
-        crowd.heading = np.where(stands[group], crowd.heading + turned, crowd.heading)
-        return crowd
+        self.stand_until = np.where(stands, rng.exponential(standing_time, groups), 0.0)
+        direction = unit(self.target - self.anchor)
+        self.anchor_velocity = direction * (self.speed * ~stands)[:, None]
+        self.ahead = np.arctan2(direction[:, 1], direction[:, 0])
+        self.position = outside_obstacles(_places(self), obstacles)
+        self.velocity = self.anchor_velocity[group].copy()
+        turned = self.slot.sum(-1)  # a standing person may face any direction
+        heading = self.ahead[group]
+        self.heading = np.where(stands[group], heading + turned, heading)
+
+    @property
+    def present(self) -> Bool[np.ndarray, " p"]:
+        """(P,) true for people who are in the world at the current time."""
+        return ((self.start <= self.time) & ~self.gone)[self.group]
 
 
 def advance_crowd(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:

@@ -133,7 +133,7 @@ def simulate_walkers(
     group, start, leave, is_background = _schedule(
         rng, people, background, duration=frames / fps, stay=as_duration(stay, "stay")
     )
-    crowd = Crowd.draw(
+    crowd = Crowd(
         rng,
         area=area,
         group=group,
