@@ -12,6 +12,8 @@ from catfree.types import Rig, Scene
 from catfree.types._validation import require_names
 
 MARGIN = 0.05  # empty border of the plan, as a share of its larger side
+# Right and up: the places of a label around its anchor, in order of preference.
+SIDES = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)])
 WEDGE_LENGTH = 0.08  # length of a camera's field of view on the plan, as a share of E
 
 
@@ -103,7 +105,7 @@ def place_labels(
     bounds: tuple[float, float, float, float],
     occupied: Float[np.ndarray, "k 4"],
     gap: float,
-) -> list[tuple[float, float] | None]:
+) -> tuple[list[Float[np.ndarray, "4"] | None], Float[np.ndarray, "taken 4"]]:
     """Place labels beside their anchors so that none covers another.
 
     Each label, in order, takes the first free of eight places around its anchor; a label without a
@@ -117,31 +119,17 @@ def place_labels(
         gap: distance of a label from its anchor.
 
     Returns:
-        Lower left corner of each label, or None if there is no room.
+        Rectangle x_min, y_min, x_max, y_max of each label, or None if there is no room; and all
+        occupied rectangles, including the new labels.
     """
-    taken = [tuple(box) for box in occupied]
-    places: list[tuple[float, float] | None] = []
-    steps = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
-    for (x, y), (width, height) in zip(anchors, sizes, strict=True):
-        place = None
-        for right, up in steps:
-            left = x + right * gap + (right - 1) * width / 2
-            low = y + up * gap + (up - 1) * height / 2
-            box = (left, low, left + width, low + height)
-            inside = (
-                left >= bounds[0]
-                and box[2] <= bounds[1]
-                and low >= bounds[2]
-                and box[3] <= bounds[3]
-            )
-            if inside and not any(_overlap(box, other) for other in taken):
-                place = (float(left), float(low))
-                taken.append(box)
-                break
-        places.append(place)
-    return places
-
-
-def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    apart = one[0] >= other[2] or other[0] >= one[2] or one[1] >= other[3] or other[1] >= one[3]
-    return not apart
+    low, high = np.reshape(bounds, (2, 2)).T
+    places, taken = [], occupied
+    for anchor, size in zip(anchors, sizes, strict=True):
+        corner = anchor + SIDES * gap + (SIDES - 1) * size / 2
+        inside = (corner >= low) & (corner + size <= high)
+        covers = (corner[:, None] < taken[:, 2:]) & ((corner + size)[:, None] > taken[:, :2])
+        free = corner[inside.all(-1) & ~covers.all(-1).any(-1)][:1]
+        box = np.concatenate([free, free + size], axis=-1)
+        places.append(box[0] if len(box) else None)
+        taken = np.concatenate([taken, box])
+    return places, taken

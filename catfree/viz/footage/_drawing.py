@@ -101,17 +101,13 @@ def draw_labels(
         All occupied rectangles x_min, y_min, x_max, y_max, including the new labels.
     """
     taken = np.zeros((0, 4)) if occupied is None else occupied
-    if not texts:
-        return taken
-    sizes = np.array([text_size(text, stroke) for text in texts], np.float64)
+    sizes = np.array([text_size(text, stroke) for text in texts], np.float64).reshape(-1, 2)
     bounds = (0.0, float(image.shape[1]), 0.0, float(image.shape[0]))
-    places = place_labels(np.asarray(anchors), sizes, bounds, taken, gap=gap * stroke)
-    boxes = [taken]
-    for text, place, size, color in zip(texts, places, sizes, colors, strict=True):
+    places, taken = place_labels(np.asarray(anchors), sizes, bounds, taken, gap=gap * stroke)
+    for text, place, color in zip(texts, places, colors, strict=True):
         if place is not None:
-            draw_label(image, text, place, color, stroke)
-            boxes.append(np.array([[*place, place[0] + size[0], place[1] + size[1]]]))
-    return np.concatenate(boxes)
+            draw_label(image, text, (place[0], place[1]), color, stroke)
+    return taken
 
 
 def round_step(length: float) -> float:

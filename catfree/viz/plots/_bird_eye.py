@@ -127,9 +127,7 @@ def draw_cameras(ax: "Axes", scene: Scene, names: Sequence[str]) -> np.ndarray:
     anchors = [wedge[0] for wedge in wedges.values()]
     figure_of(ax).draw_without_rendering()  # lays out the figure: pixels are final from here on
     texts = [plain_label(names[camera]) for camera in wedges]
-    if not texts:
-        return np.zeros((0, 4))
-    at, half = ax.transData.transform(np.asarray(anchors)), 4.0
+    at, half = ax.transData.transform(np.reshape(anchors, (-1, 2))), 4.0
     squares = np.concatenate([at - half, at + half], axis=-1)
     return _write(ax, anchors, texts, [color] * len(texts), squares, size=9.0, weight="bold")
 
@@ -190,17 +188,16 @@ def _write(
     """Write labels that cover neither each other nor `occupied`; return all rectangles (K, 4)."""
     from matplotlib.patheffects import withStroke
 
-    if not texts:
-        return occupied
-    at = ax.transData.transform(np.asarray(anchors))
+    at = ax.transData.transform(np.reshape(anchors, (-1, 2)))
     pixels = figure_of(ax).dpi / 72 * size
-    sizes = np.array([[0.62 * pixels * len(text), 1.0 * pixels] for text in texts])
+    sizes = np.array([[0.62 * pixels * len(text), pixels] for text in texts]).reshape(-1, 2)
     box = ax.get_window_extent()
-    places = place_labels(at, sizes, (box.x0, box.x1, box.y0, box.y1), occupied, gap=0.5 * pixels)
+    bounds = box.x0, box.x1, box.y0, box.y1
+    places, occupied = place_labels(at, sizes, bounds, occupied, gap=0.5 * pixels)
     back = ax.transData.inverted()
     for text, color, place in zip(texts, colors, places, strict=True):
         if place is not None:
-            x, y = back.transform(place)
+            x, y = back.transform(place[:2])
             label = ax.text(
                 x,
                 y,
@@ -213,12 +210,7 @@ def _write(
                 va="bottom",
             )
             label.set_path_effects([withStroke(linewidth=2.2, foreground="white")])
-    new = [
-        (*place, place[0] + extent[0], place[1] + extent[1])
-        for place, extent in zip(places, sizes, strict=True)
-        if place is not None
-    ]
-    return np.concatenate([occupied, np.array(new).reshape(-1, 4)])
+    return occupied
 
 
 def _explain(ax: "Axes", confidence: float, *, with_truth: bool, with_area: bool) -> None:

@@ -80,17 +80,20 @@ def test_the_view_holds_cameras_and_area(world):
 def test_labels_never_cover_each_other(anchors, width):
     sizes = np.tile([float(width), 10.0], (len(anchors), 1))
     occupied = np.array([[90.0, 90.0, 110.0, 110.0]])
-    places = place_labels(np.array(anchors), sizes, (0.0, 200.0, 0.0, 200.0), occupied, 4.0)
-    boxes = [(x, y, x + width, y + 10) for place in places if place for x, y in [place]]
+    places, taken = place_labels(np.array(anchors), sizes, (0.0, 200.0, 0.0, 200.0), occupied, 4.0)
+    boxes = [place.tolist() for place in places if place is not None]
+    assert taken.tolist() == [*occupied.tolist(), *boxes]
     for at, one in enumerate(boxes):
         assert min(one) >= 0
+        np.testing.assert_allclose([one[2] - one[0], one[3] - one[1]], [width, 10])
         assert max(one) <= 200
         for other in [*boxes[:at], tuple(occupied[0])]:
             apart_x = one[0] >= other[2] or other[0] >= one[2]
             assert apart_x or one[1] >= other[3] or other[1] >= one[3]
     far = [(0.0, 0.0), (100.0, 50.0), (0.0, 180.0)]
     sizes, bounds = sizes[:1].repeat(3, 0), (0.0, 200.0, 0.0, 200.0)
-    assert None not in place_labels(np.array(far), sizes, bounds, np.zeros((0, 4)), 4.0)
+    places, _ = place_labels(np.array(far), sizes, bounds, np.zeros((0, 4)), 4.0)
+    assert all(place is not None for place in places)
 
 
 def test_colours_are_distinct_and_stay_with_the_identity():
