@@ -12,7 +12,7 @@ from catfree.adapters.protocols import Image, as_image
 from catfree.errors import InvalidInputError
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
-from catfree.types._annotations import Progress
+from catfree.types._annotations import Progress, no_progress
 from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, as_number, as_path, as_positive, require_instance
 from catfree.types._writing import replacement
@@ -152,7 +152,8 @@ def write_overlay_video(
     import cv2
 
     target = as_path(path, "path")
-    if target.suffix.lower() not in CODECS:
+    suffix = target.suffix.lower()
+    if suffix not in CODECS:
         raise InvalidInputError(
             f"{target} must end in one of {', '.join(CODECS)}, which say the format of the video."
         )
@@ -161,9 +162,9 @@ def write_overlay_video(
     if person_height is None:
         person_height = estimate_person_height(detections, localization, scene)
     screen = _Screen(scene, localization.tracks, names_of(scene.rig, camera_names), width)
-    rate = fps or source.fps or DEFAULT_FPS
-    codec = CODECS[target.suffix.lower()]
-    with replacement(target, suffix=target.suffix.lower()) as partial:
+    rate, report = fps or source.fps or DEFAULT_FPS, progress or no_progress
+    codec = CODECS[suffix]
+    with replacement(target, suffix=suffix) as partial:
         with _silent_codec():
             fourcc = cv2.VideoWriter.fourcc(*codec)
             writer = cv2.VideoWriter(str(partial), fourcc, rate, screen.size)
@@ -188,8 +189,7 @@ def write_overlay_video(
                     for camera, image in enumerate(images)
                 ]
                 writer.write(screen.assemble(frame, pictures)[..., ::-1].copy())
-                if progress is not None:
-                    progress(STAGE, done, source.frame_count)
+                report(STAGE, done, source.frame_count)
         finally:
             writer.release()
     return target

@@ -75,23 +75,22 @@ def write_glb(
         x, y, z = np.moveaxis(frame.to_canonical(world) * extent, -1, 0)
         return np.stack([x, z, -y], -1)
 
-    def mesh(vertices: np.ndarray, faces: Any, color: Color) -> Any:
+    model = trimesh.Scene()
+
+    def add_mesh(name: str, vertices: np.ndarray, faces: Any, color: Color) -> None:
         material = PBRMaterial(
             baseColorFactor=[*color, 255], metallicFactor=0.0, roughnessFactor=0.9, doubleSided=True
         )
         look = TextureVisuals(material=material)
-        return trimesh.Trimesh(vertices, faces, visual=look, process=False)
+        mesh = trimesh.Trimesh(vertices, faces, visual=look, process=False)
+        model.add_geometry(mesh, node_name=name, geom_name=name)
 
-    model = trimesh.Scene()
     quad = local(ground_corners(scene, tracks))
-    model.add_geometry(
-        mesh(quad, [[0, 1, 2], [0, 2, 3]], GROUND_COLOR), node_name="ground", geom_name="ground"
-    )
+    add_mesh("ground", quad, [[0, 1, 2], [0, 2, 3]], GROUND_COLOR)
     pyramid = [[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 4], [1, 2, 3], [1, 3, 4]]
     for camera in np.flatnonzero(scene.rig.registered).tolist():
         corners = local(frustum_corners(scene, camera, FRUSTUM_DEPTH * extent))
-        name = f"camera_{names[camera]}"
-        model.add_geometry(mesh(corners, pyramid, CAMERA_COLOR), node_name=name, geom_name=name)
+        add_mesh(f"camera_{names[camera]}", corners, pyramid, CAMERA_COLOR)
     if len(points):
         shade = np.tile(CLOUD_COLOR, (len(points), 1)) if colors is None else np.asarray(colors)
         if shade.shape != (len(points), 3):
@@ -100,8 +99,7 @@ def write_glb(
         model.add_geometry(cloud, node_name="cloud", geom_name="cloud")
     for identity, line in track_lines(tracks).items():
         rings = tube(local(line), TUBE_RADIUS * extent, np.array([0.0, 1.0, 0.0]))
-        name = f"track_{identity}"
-        model.add_geometry(mesh(*rings, track_color(identity)), node_name=name, geom_name=name)
+        add_mesh(f"track_{identity}", *rings, track_color(identity))
     return write_bytes_atomically(path, export_glb(model))
 
 
