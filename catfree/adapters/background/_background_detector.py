@@ -13,6 +13,7 @@ from catfree.adapters.background._background_model import (
     BackgroundModel,
     Foreground,
     PictureSamples,
+    reduce_picture,
 )
 from catfree.adapters.background._blob_grouping import group_blobs
 from catfree.adapters.background._blob_splitting import WIDTH, Expected, split_blob
@@ -29,10 +30,6 @@ from catfree.adapters.protocols import FrameDetections, Image, as_image
 from catfree.errors import InvalidInputError
 from catfree.types._validation import as_number
 
-# Pictures are reduced by a whole factor to about this height: enough to locate the foot of a person
-# of 100 pixels to a hundredth of the height, while noise and work shrink with the factor's square.
-WORKING_HEIGHT = 360
-LEAST_AREA = 30  # reduced pixels: a person 12 pixels tall
 STAND_ALONE_SCORE = 0.95
 SPLIT_SCORE = 0.85
 UNSPLIT_SCORE = 0.4
@@ -101,32 +98,29 @@ class BackgroundDetector:
             InsufficientDataError: if there are fewer than 8.
             InvalidInputError: if they differ in size.
         """
-        samples, factor = PictureSamples(), None
+        samples = PictureSamples()
         for image in images:
-            picture = as_image(image)
-            factor = reduction_factor(picture) if factor is None else factor
-            samples.add(reduce_picture(picture, factor))
-        return self._learn(samples, factor or 1)
+            samples.add(as_image(image))
+        return self._learn(samples)
 
     def __call__(self, image: Image) -> FrameDetections:
         """Detect the people in the next picture of one static camera."""
         picture = as_image(image)
-        factor = reduction_factor(picture)
-        self._samples.add(reduce_picture(picture, factor))
+        self._samples.add(picture)
         # Fit again each time the footage has doubled, later each time the sample is renewed.
         due_at = self._count_when_fitted + min(self._count_when_fitted, MAXIMUM_SAMPLES)
         if self._samples.seen >= max(due_at, MINIMUM_SAMPLES):
             # A live picture comes only once, so its foreground is not kept.
-            self._fitted = replace(self._learn(self._samples, factor), memory=None)
+            self._fitted = replace(self._learn(self._samples), memory=None)
             self._count_when_fitted = self._samples.seen
         if self._fitted is None:
             return FrameDetections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32))
         return self._fitted(picture)
 
-    def _learn(self, samples: PictureSamples, factor: int) -> "FittedBackgroundDetector":
+    def _learn(self, samples: PictureSamples) -> "FittedBackgroundDetector":
         background = BackgroundModel.estimate(samples.pictures)
         memory = ForegroundMemory(background.compare)
-        blobs = [Blobs.find(memory(picture).mask, LEAST_AREA) for picture in samples.pictures]
+        blobs = [Blobs.find(memory(picture).mask) for picture in samples.pictures]
         profile = fit_height_profile(blobs)
         fingerprint = hash_parameters(
             "FittedBackgroundDetector",
@@ -135,7 +129,7 @@ class BackgroundDetector:
             profile=None if profile is None else profile.coefficients.tolist(),
         )
         return FittedBackgroundDetector(
-            background, profile, factor, self._confidence, fingerprint, memory
+            background, profile, samples.factor, self._confidence, fingerprint, memory
         )
 
 
@@ -192,7 +186,7 @@ class FittedBackgroundDetector:
         self, foreground: Foreground, expected: Sequence[Expected]
     ) -> Float[np.ndarray, "n 5"]:
         """Find (n, 5) x1, y1, x2, y2 and score of people in a foreground, in reduced pixels."""
-        blobs = Blobs.find(foreground.mask, LEAST_AREA)
+        blobs = Blobs.find(foreground.mask)
         if self.profile is None:
             alone = blobs.box[blobs.alone()]
             return np.column_stack([alone, np.full(len(alone), UNSPLIT_SCORE)]).astype(np.float64)
@@ -233,22 +227,6 @@ def _people_of(
         score = min(SPLIT_SCORE, 0.2 + 0.7 * person.gain)
         rows.append((person.u - half, top, person.u + half, bottom, score))
     return rows
-
-
-def reduction_factor(image: Image) -> int:
-    """Choose the whole factor that brings a picture's shorter side near the working height."""
-    return max(1, round(min(image.shape[:2]) / WORKING_HEIGHT))
-
-
-def reduce_picture(image: Image, factor: int) -> Image:
-    """Average each factor x factor pixels of a picture; an incomplete edge is left out."""
-    import cv2
-
-    if factor == 1:
-        return image
-    height, width = (side // factor for side in image.shape[:2])
-    whole = image[: height * factor, : width * factor]
-    return cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def _extent(

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import find_objects
 
+LEAST_AREA = 30  # reduced pixels: a person 12 pixels tall
 # A standing person's silhouette is 0.25 to 0.6 times as wide as tall; groups are wider, posts
 # narrower.
 NARROWEST, WIDEST = 0.2, 0.6
@@ -62,8 +63,8 @@ class Blobs:
     complete: Bool[np.ndarray, " n"]
 
     @classmethod
-    def find(cls, mask: UInt8[np.ndarray, "h w"], least_area: int) -> "Blobs":
-        """Find the blobs of a mask that have at least `least_area` pixels."""
+    def find(cls, mask: UInt8[np.ndarray, "h w"]) -> "Blobs":
+        """Find the blobs of a mask that are large enough to be a person."""
         import cv2
 
         joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones(GAP, np.uint8))
@@ -72,7 +73,7 @@ class Blobs:
         at = np.flatnonzero(joined.view(bool))
         component = np.asarray(labels, np.int64).ravel()[at] - 1
         area = np.bincount(component)
-        kept = area >= least_area
+        kept = area >= LEAST_AREA
         blob_number = np.where(kept, np.cumsum(kept), 0)
         numbered = np.zeros(mask.shape, np.int32)
         numbered.ravel()[at] = blob_number[component]

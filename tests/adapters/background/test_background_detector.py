@@ -408,7 +408,7 @@ def test_merged_bodies_are_told_apart(people):
     canvas = np.zeros((240, 320), np.uint8)
     for u, v in people:
         body(canvas, u, v, profile(u, v))
-    blobs = Blobs.find(canvas, 30)
+    blobs = Blobs.find(canvas)
     assert len(blobs.box) == 1
     found = split_blob(canvas, blobs.box[0], profile)
     feet = np.array(sorted((person.u, person.v) for person in found))
@@ -422,7 +422,7 @@ def test_a_person_behind_a_wall_is_split_off_without_legs():
     canvas = np.zeros((240, 320), np.uint8)
     body(canvas, 100, 150, 70)
     canvas[125:] = 0
-    box = Blobs.find(canvas, 30).box[0]
+    box = Blobs.find(canvas).box[0]
     (person,) = split_blob(canvas, box, profile)
     assert abs(person.u - 100) <= 4
     assert abs(person.v - 150) <= 8
@@ -434,7 +434,7 @@ def test_two_people_as_wide_as_one_are_two():
     canvas = np.zeros((240, 320), np.uint8)
     body(canvas, 100, 150, 70)
     body(canvas, 115, 147, 69)
-    blobs = Blobs.find(canvas, 30)
+    blobs = Blobs.find(canvas)
     x1, _, x2, _ = blobs.box[0]
     assert x2 - x1 < 0.7 * 70
     assert len(split_blob(canvas, blobs.box[0], profile)) == 2
@@ -447,7 +447,7 @@ def test_somebody_almost_hidden_is_found_where_expected():
     people = [(92, 158), (112, 158), (102, 141)]
     for u, v in people:
         body(canvas, u, v, profile(u, v))
-    box = Blobs.find(canvas, 30).box[0]
+    box = Blobs.find(canvas).box[0]
     hints = [Expected(u + 3.0, v - 2.0, float(profile(u, v))) for u, v in people]
     found = split_blob(canvas, box, profile, hints)
     feet = np.array(sorted((person.u, person.v) for person in found))
@@ -460,7 +460,7 @@ def test_a_person_cut_in_two_by_a_pole_is_one_group():
     body(canvas, 100, 150, 70)
     body(canvas, 200, 150, 70)
     canvas[:, 98:103] = 0
-    blobs = Blobs.find(canvas, 30)
+    blobs = Blobs.find(canvas)
     assert len(blobs.box) == 3
     alone = group_blobs(blobs.labels, 3, [])
     assert [len(parts) for parts, _ in alone] == [1, 1, 1]
@@ -483,7 +483,7 @@ def test_splitting_moves_with_the_blob(shift, down):
         canvas = np.zeros((240, 320), np.uint8)
         for u, v in people:
             body(canvas, u + dx, v + dy, 70)
-        box = Blobs.find(canvas, 30).box[0]
+        box = Blobs.find(canvas).box[0]
         feet = [(p.u - dx, p.v - dy) for p in split_blob(canvas, box, profile)]
         found.append(np.array(sorted(feet)))
     np.testing.assert_allclose(found[0], found[1], atol=2)  # half pixels round either way
