@@ -309,7 +309,7 @@ from catfree.adapters import ReIdOnnx, SynchronizedVideos, VggtOnnx
 from catfree.evaluation import crop, detection_metrics, detection_metrics_in_area
 from catfree.filters import select
 from catfree.methods.paper._assemble import empty_localization
-from catfree.synthetic import make_layout
+from catfree.synthetic import make_layout, make_world
 from catfree.synthetic.render._stage import build_stage
 from catfree.viz import plot_bird_eye, plot_coverage
 
@@ -343,7 +343,7 @@ calls = {
     "preprocessing": lambda: ReIdOnnx("a.onnx", preprocessing=long),
     "mode": lambda: VggtOnnx("a.onnx", mode=long),
     "site": lambda: cf.shards(["a.csv"], site=long),
-    "shadows": lambda: build_stage((0, 1, 0, 1), rows, scene.rig.centers, seed=0, shadows=long),
+    "shadows": lambda: build_stage(make_world("ring4", frames=1, people=1), long),
     "on_error": lambda: SynchronizedVideos(["a", "b"], on_error=long),
     "confidence": lambda: cf.Settings(confidence=10**5000),
     "twice": lambda: cf.Detections.from_supervision({long: []}, camera_names=[long, long]),

@@ -98,9 +98,7 @@ def render_videos(
         )
     target = make_folder(folder)
     remove_abandoned(target)
-    stage = build_stage(
-        world.area, world.columns, world.true_centres, seed=world.seed, shadows=shadows
-    )
+    stage = build_stage(world, shadows)
     cameras = world.true_rig.camera_count
     paths = [target / f"camera_{camera}.mp4" for camera in range(cameras)]
     tasks = [

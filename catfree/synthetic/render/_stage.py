@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from catfree.errors import InvalidInputError, quoted
 from catfree.synthetic._walkers import Area, middle_and_half
+from catfree.synthetic._world import World
 
 # Furniture as (radius, height) in meters; people walk around the circle.
 PILLAR = (0.17, 4.0)
@@ -140,21 +141,12 @@ def street_furniture(
     return np.array(placed).reshape(-1, 4)
 
 
-def build_stage(
-    area: Area,
-    columns: Float[np.ndarray, "k 4"],
-    cameras: Float[np.ndarray, "cam 3"],
-    *,
-    seed: int = 0,
-    shadows: str | None = None,
-) -> Stage:
+def build_stage(world: World, shadows: str | None = None) -> Stage:
     """Build a square among houses, with trees behind the cameras.
 
     Args:
-        area: evaluation area in meters.
-        columns: (K, 4) x, y, radius and height of the furniture.
-        cameras: (C, 3) camera centers; houses and trees stay behind them.
-        seed: determines sun, weather and colors.
+        world: its columns become furniture, and houses and trees stay behind its cameras; its seed
+            determines sun, weather and colors.
         shadows: "hard" for a clear day, "soft" for thin clouds, None to draw one.
 
     Returns:
@@ -165,7 +157,7 @@ def build_stage(
     """
     if shadows not in (None, "hard", "soft"):
         raise InvalidInputError(f"shadows is {quoted(shadows)}; it must be 'hard', 'soft' or None.")
-    rng = np.random.default_rng([seed, 5])
+    rng = np.random.default_rng([world.seed, 5])
     hard = rng.uniform() < 0.5 if shadows is None else shadows == "hard"
     bearing, elevation = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(38, 58))
     sun = np.array(
@@ -175,20 +167,20 @@ def build_stage(
             np.sin(elevation),
         ]
     )
-    middle, half = middle_and_half(area)
-    outermost = np.abs(cameras[:, :2] - middle).max(0)
+    middle, half = middle_and_half(world.area)
+    outermost = np.abs(world.true_centres[:, :2] - middle).max(0)
     front = np.maximum(half + BUILDING_DISTANCE, outermost + 8.0)
-    solids = [solid for column in columns for solid in _furniture(rng, column)]
+    solids = [solid for column in world.columns for solid in _furniture(rng, column)]
     solids += [solid for place in _tree_places(rng, middle, front) for solid in _tree(rng, place)]
     return Stage(
-        area=area,
+        area=world.area,
         front=front,
         sun=sun,
         sunlight=0.85 if hard else 0.5,
         skylight=0.52 if hard else 0.78,
         shadow_blur=0.03 if hard else 0.35,
         solids=tuple(solids),
-        seed=seed,
+        seed=world.seed,
     )
 
 

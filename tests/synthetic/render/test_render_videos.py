@@ -25,7 +25,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def stage(world):
-    return build_stage(world.area, world.columns, world.true_centres, seed=2, shadows="hard")
+    return build_stage(world, "hard")
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_shadows_darken_the_ground_and_soft_ones_do_so_less(world, stage, backgr
     camera, frame = 0, 2
     without = painter(world, stage, backgrounds, camera, sunlight=0.0).paint(frame)
     hard = Painter(world.walkers, world.true_rig, camera, backgrounds[camera], stage)
-    cloudy = build_stage(world.area, world.columns, world.true_centres, seed=2, shadows="soft")
+    cloudy = build_stage(world, "soft")
     soft = Painter(world.walkers, world.true_rig, camera, backgrounds[camera], cloudy)
     bodies = changes(without, backgrounds[camera])
     bodies = cv2.dilate(bodies.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
@@ -137,7 +137,7 @@ def test_videos_are_complete_and_show_people(tmp_path):
             pictures.append(read[1])
         assert len(pictures) == 5
         assert pictures[0].shape == (180, 320, 3)
-        stage = build_stage(world.area, world.columns, world.true_centres, seed=world.seed)
+        stage = build_stage(world)
         still = render_background(stage, world.true_rig, camera, ground_picture(stage)).picture
         difference = np.abs(pictures[4].astype(int) - still).mean(-1)
         inside = np.zeros(difference.shape, bool)
