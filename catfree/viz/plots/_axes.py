@@ -2,10 +2,14 @@
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from jaxtyping import Num
+
 from catfree.errors import InvalidInputError, needing, shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
 
 LONGER_SIDE = 7.5  # inches
@@ -51,6 +55,30 @@ def show_ground(ax: "Axes", view: tuple[float, float, float, float], unit: str) 
     """
     ax.set(xlim=view[:2], ylim=view[2:], aspect="equal")
     ax.set(xlabel=f"ground x ({unit})", ylabel=f"ground y ({unit})")
+
+
+def show_map(
+    ax: "Axes",
+    values: Num[np.ndarray, "height width"],
+    area: tuple[float, float, float, float],
+    label: str,
+    look: dict[str, Any],
+    **bar: Any,
+) -> "Colorbar":
+    """Draw values of equal cells of the ground, with a color bar.
+
+    Args:
+        ax: the axes.
+        values: (H, W), of rising y.
+        area: x_min, x_max, y_min, y_max of the outer edges of the cells.
+        label: of the color bar.
+        look: colors of the values, as `Axes.imshow` takes them.
+        **bar: ticks and format of the color bar.
+    """
+    image = ax.imshow(
+        values, extent=area, origin="lower", interpolation="nearest", zorder=1, **look
+    )
+    return figure_of(ax).colorbar(image, ax=ax, label=label, shrink=0.8, **bar)
 
 
 def plain_label(text: str) -> str:

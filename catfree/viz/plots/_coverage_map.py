@@ -12,7 +12,7 @@ from catfree.types._scene import require_scene
 from catfree.types._validation import require_instance
 from catfree.viz._palette import fraction, line_style, track_color
 from catfree.viz._plan_view import camera_names as names_of, length_unit, view_area
-from catfree.viz.plots._axes import axes_or_new, figure_of, show_ground
+from catfree.viz.plots._axes import axes_or_new, show_ground, show_map
 from catfree.viz.plots._bird_eye import draw_cameras
 
 if TYPE_CHECKING:
@@ -104,20 +104,9 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
         return
     low, high = (float(q) for q in np.quantile(sigma.compressed(), [0.01, 0.99]))
     norm = LogNorm(low, high if high > low else 2 * low, clip=True)
-    image = ax.imshow(
-        sigma,
-        extent=coverage.area,
-        origin="lower",
-        cmap="viridis_r",
-        norm=norm,
-        zorder=1,
-        interpolation="nearest",
-    )
-    levels = iso_levels(coverage.sigma)
-    bar = figure_of(ax).colorbar(
-        image, ax=ax, label=f"expected σ ({unit})", shrink=0.8, ticks=levels.tolist(), format="%.2g"
-    )
-    bar.minorticks_off()
+    levels, look = iso_levels(coverage.sigma), {"cmap": "viridis_r", "norm": norm}
+    label, ticks = f"expected σ ({unit})", levels.tolist()
+    show_map(ax, sigma, coverage.area, label, look, ticks=ticks, format="%.2g").minorticks_off()
     if len(levels) and min(sigma.shape) >= 2:
         lines = ax.contour(
             coverage.x,
@@ -153,15 +142,5 @@ def _draw_cameras_seen(ax: "Axes", coverage: Coverage) -> None:
     shades = colormaps["cividis"](np.linspace(0.15, 1, max(count, 1)))
     colors = ListedColormap(np.vstack([[0.93, 0.93, 0.93, 1], shades]))
     norm = BoundaryNorm(np.arange(-0.5, count + 1), count + 1)
-    image = ax.imshow(
-        coverage.cameras,
-        extent=coverage.area,
-        origin="lower",
-        cmap=colors,
-        norm=norm,
-        zorder=1,
-        interpolation="nearest",
-    )
-    figure_of(ax).colorbar(
-        image, ax=ax, label="cameras that see the ground", shrink=0.8, ticks=range(count + 1)
-    )
+    label, look = "cameras that see the ground", {"cmap": colors, "norm": norm}
+    show_map(ax, coverage.cameras, coverage.area, label, look, ticks=range(count + 1))

@@ -6,7 +6,7 @@ import numpy as np
 
 from catfree.types._validation import require_instance
 from catfree.viz._heat_map import HeatMap
-from catfree.viz.plots._axes import axes_or_new, figure_of, show_ground
+from catfree.viz.plots._axes import axes_or_new, show_ground, show_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,15 +34,8 @@ def plot_heat_map(heat: HeatMap, *, ax: "Axes | None" = None, unit: str = "m") -
         view = (left - half, right + half, low - half, high + half)
     ax = axes_or_new(ax, view)
     if heat.positions.size:
-        image = ax.imshow(
-            np.ma.masked_invalid(heat.positions),
-            extent=view,
-            origin="lower",
-            cmap="viridis",
-            interpolation="nearest",
-            vmin=0,
-        )
-        text = f"positions, cells with at least {heat.k} people"
-        figure_of(ax).colorbar(image, ax=ax, label=text, shrink=0.8)
+        label = f"positions, cells with at least {heat.k} people"
+        values = np.ma.masked_invalid(heat.positions)
+        show_map(ax, values, view, label, {"cmap": "viridis", "vmin": 0})
     show_ground(ax, view, unit)
     return ax
