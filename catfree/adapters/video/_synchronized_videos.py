@@ -587,8 +587,8 @@ def _hash_of(times: Times | None) -> str | None:
 
 
 def _open_camera(camera: int, path: str | os.PathLike[str]) -> VideoFile | ImageFolder:
-    as_path(path, f"Camera {camera}")
+    place = as_path(path, f"Camera {camera}")
     try:
-        return open_source(path)
+        return open_source(place)
     except CatFreeError as error:
         raise type(error)(f"Camera {camera}: {error}") from error

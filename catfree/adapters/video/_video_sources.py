@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import os
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -22,7 +21,6 @@ from catfree.adapters.video._timestamps import (
     sidecar_of,
 )
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.types._validation import as_path
 
 FARTHEST_DECODED = 1000  # frames: decoding up to there is faster than looking for a key frame
 JUMP_MARGIN = 50  # frames by which seeking may come out too late
@@ -36,7 +34,7 @@ _AVI = b"RIFF"
 _MATROSKA = b"\x1aE\xdf\xa3"  # WebM, too
 
 
-def open_source(path: str | os.PathLike[str]) -> "VideoFile | ImageFolder":
+def open_source(path: Path) -> "VideoFile | ImageFolder":
     """Open a folder of images or a video file.
 
     Raises:
@@ -44,13 +42,12 @@ def open_source(path: str | os.PathLike[str]) -> "VideoFile | ImageFolder":
             without images.
         FileFormatError: if its first picture cannot be decoded.
     """
-    place = as_path(path, "path")
-    require_readable_name(place)
-    if place.is_dir():
-        return ImageFolder(place)
-    if not place.is_file():
-        raise InvalidInputError(f"There is no video file or image folder {place}.")
-    return VideoFile(place)
+    require_readable_name(path)
+    if path.is_dir():
+        return ImageFolder(path)
+    if not path.is_file():
+        raise InvalidInputError(f"There is no video file or image folder {path}.")
+    return VideoFile(path)
 
 
 class ImageFolder:

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -31,7 +33,7 @@ def number_in(image):
 def test_a_name_is_not_taken_for_an_address(long_video, name, tmp_path, monkeypatch):
     (tmp_path / name).write_bytes(long_video.read_bytes())
     monkeypatch.chdir(tmp_path)
-    source = open_source(name)
+    source = open_source(Path(name))
     assert (source.frame_count, source.timeless) == (COUNT, False)
     assert number_in(source.open().read(3)) == 3
 

@@ -60,7 +60,7 @@ class Blind:
 def fake_videos(sources, **options):
     by_name = {source.path.name: source for source in sources}
     place = "catfree.adapters.video._synchronized_videos.open_source"
-    with patch(place, lambda path: by_name[path]):
+    with patch(place, lambda path: by_name[path.name]):
         return SynchronizedVideos(list(by_name), **options)
 
 
