@@ -134,9 +134,7 @@ class _SecondLook:
 
     def _look(self, detector: GuidedDetector, frame: int, camera: int, image: Image) -> Seen:
         expected, first = self.expected.in_picture(frame, camera), self.first
-        people = ask_for_people(
-            lambda: detector.look_again(image, expected), detector, camera, frame
-        )
+        people = ask_for_people(detector, image, camera, frame, expected)
         if self.describe is None:
             return people, None
         first_rows = rows_of_picture(first.frame, first.camera, frame, camera)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from itertools import count
 from threading import Lock
 
@@ -213,13 +212,10 @@ def detect_instant(
             camera: require_people(people, shared, camera, frame)
             for camera, people in zip(pictures, answers, strict=True)
         }
-
-    people = {}
-    for camera, picture in pictures.items():
-        detector = detectors[camera]
-        call = partial(detector, picture)
-        people[camera] = ask_for_people(call, detector, camera, frame)
-    return people
+    return {
+        camera: ask_for_people(detectors[camera], picture, camera, frame)
+        for camera, picture in pictures.items()
+    }
 
 
 def describe_instant(
@@ -239,10 +235,8 @@ def describe_instant(
     Raises:
         InvalidInputError: as `Describer`.
     """
-    if describe is None:
-        return {camera: (found, None) for camera, found in people.items()}
     return {
-        camera: (found, describe(pictures[camera], found.box, camera, frame))
+        camera: (found, describe and describe(pictures[camera], found.box, camera, frame))
         for camera, found in people.items()
     }
 

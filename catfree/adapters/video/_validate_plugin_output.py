@@ -4,7 +4,6 @@ An invalid result is reported at the first bad picture, with its camera and fram
 the footage.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -32,22 +31,27 @@ def require_part(part: Any, name: str) -> None:
 
 
 def ask_for_people(
-    ask: Callable[[], Any], detector: Any, camera: int, frame: int
+    detector: Any,
+    image: Image,
+    camera: int,
+    frame: int,
+    expected: Float[np.ndarray, "n 3"] | None = None,
 ) -> FrameDetections:
     """Run a detector on one picture and check its result.
 
     Args:
-        ask: calls the detector.
-        detector: the detector, for the message.
-        camera: index of the camera that took the picture.
-        frame: frame of the picture.
+        detector: the detector.
+        image: the picture.
+        camera: index of the camera that took it.
+        frame: its frame.
+        expected: where to look again, as `GuidedDetector` says; None to look for the first time.
 
     Raises:
         InvalidInputError: naming camera and frame, if the detector returns anything but
             `FrameDetections`, or invalid boxes.
     """
     try:
-        people = ask()
+        people = detector(image) if expected is None else detector.look_again(image, expected)
     except InvalidInputError as error:
         raise InvalidInputError(f"{_place(detector, camera, frame)} failed: {error}") from error
     return require_people(people, detector, camera, frame)
