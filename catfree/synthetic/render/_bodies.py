@@ -4,10 +4,8 @@ Lengths are shares of the body height, in body axes: x to the right, y ahead, z 
 as in `_silhouettes.body_points`, so boxes around drawn people agree with simulated boxes.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from catfree.synthetic._silhouettes import FREE_SPEED, STRIDE_SHARE, swing_leg
 
@@ -20,21 +18,6 @@ RIGHT, AHEAD, UP = np.eye(3)
 SHIRT, SLEEVE, FOREARM_PART, TROUSERS, SHANK_PART, SHOES, SKIN, HAIR, BAG = range(9)
 
 
-@dataclass(frozen=True)
-class Mesh:
-    """The faces of every body; vertices come from `body_vertices`.
-
-    Attributes:
-        faces: (F, 4) vertex indices, counter-clockwise from outside.
-        part: (F,) part that colors each face.
-        tube: (V,) tube of each vertex; each tube casts a convex shadow.
-    """
-
-    faces: Int[np.ndarray, "f 4"]
-    part: Int[np.ndarray, " f"]
-    tube: Int[np.ndarray, " v"]
-
-
 # Per tube: the part of the segment after each ring.
 _LEG = (TROUSERS, TROUSERS, SHANK_PART, SHANK_PART)
 _SHOE = (SHOES,) * 4
@@ -44,8 +27,7 @@ _ARM = (SLEEVE, SLEEVE, FOREARM_PART, SKIN, SKIN)
 _TUBES = (_LEG, _LEG, _SHOE, _SHOE, _TORSO, _HEAD, _ARM, _ARM, (BAG,) * 4)
 
 
-def build_mesh() -> Mesh:
-    """The topology that all bodies share."""
+def _join_tubes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     faces, parts, tubes, start = [], [], [], 0
     side = np.arange(SIDES)
     following = (side + 1) % SIDES
@@ -61,7 +43,12 @@ def build_mesh() -> Mesh:
             parts.append(part_of_side)
         tubes.append(np.full((len(segments) + 1) * SIDES, tube))
         start += (len(segments) + 1) * SIDES
-    return Mesh(np.concatenate(faces), np.concatenate(parts), np.concatenate(tubes))
+    return np.concatenate(faces), np.concatenate(parts), np.concatenate(tubes)
+
+
+# The topology that all bodies share: (F, 4) vertices of each face, counter-clockwise from outside,
+# and (F,) the part that colors it; (V,) the tube of each vertex. Each tube casts a convex shadow.
+FACES, PART, TUBE = _join_tubes()
 
 
 def body_vertices(

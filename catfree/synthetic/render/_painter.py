@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 from catfree.synthetic._silhouettes import on_ground, project_points
 from catfree.synthetic._walkers import Walkers
 from catfree.synthetic.render._backdrop import Background
-from catfree.synthetic.render._bodies import BAG, body_vertices, build_mesh
+from catfree.synthetic.render._bodies import BAG, FACES, PART, TUBE, body_vertices
 from catfree.synthetic.render._clothes import dress
 from catfree.synthetic.render._stage import Stage
 from catfree.types import Rig
@@ -30,7 +30,6 @@ class Painter:
     ) -> None:
         self.walkers, self.rig, self.camera = walkers, rig, camera
         self.background, self.stage = background, stage
-        self.mesh = build_mesh()
         self.clothes, self.has_bag = dress(len(walkers.height), stage.seed)
         self.center = np.asarray(rig.centers)[camera]
         rows, columns = background.picture.shape[:2]
@@ -84,8 +83,8 @@ class Painter:
         corner = (pixel - (SHADOW_SCALE - 1) / 2) / SHADOW_SCALE
         mask = np.zeros_like(self.sunlit)
         fixed = np.round(np.clip(corner, -4000, 4000) * 16).astype(np.int32)
-        starts = np.flatnonzero(np.diff(self.mesh.tube, prepend=-1))
-        pieces = list(zip(starts, [*starts[1:], len(self.mesh.tube)], strict=True))
+        starts = np.flatnonzero(np.diff(TUBE, prepend=-1))
+        pieces = list(zip(starts, [*starts[1:], len(TUBE)], strict=True))
         for body in fixed[depth.min(1) >= NEAREST]:
             for first, last in pieces[:-1]:  # the bag's shadow is within the torso's
                 hull = cv2.convexHull(body[first:last])
@@ -112,13 +111,12 @@ class Painter:
         self, picture: Frame, people: np.ndarray, vertices: Float[np.ndarray, "n v 3"]
     ) -> None:
         """Paint every body over what is behind it, in place; furniture in front stays."""
-        mesh = self.mesh
         pixel, depth = project_points(self.rig, self.camera, vertices)
-        corner = pixel[:, mesh.faces]  # (N, F, 4, 2)
+        corner = pixel[:, FACES]  # (N, F, 4, 2)
         diagonal, other = corner[:, :, 2] - corner[:, :, 0], corner[:, :, 3] - corner[:, :, 1]
         facing = diagonal[..., 0] * other[..., 1] - diagonal[..., 1] * other[..., 0] < 0
-        facing &= self.has_bag[people, None] | (mesh.part != BAG)
-        nearness = depth[:, mesh.faces].mean(-1)
+        facing &= self.has_bag[people, None] | (PART != BAG)
+        nearness = depth[:, FACES].mean(-1)
         color = np.round(self._colors(people, vertices) * 255).clip(0, 255)
         rows, columns = picture.shape[:2]
         lows = np.maximum(np.floor(pixel.min(1)).astype(int) - 1, 0)
@@ -154,10 +152,10 @@ class Painter:
         self, people: np.ndarray, vertices: Float[np.ndarray, "n v 3"]
     ) -> Float[np.ndarray, "n f 3"]:
         """Color the clothes under sun and sky, darker toward the feet, which see less sky."""
-        face = vertices[:, self.mesh.faces]
+        face = vertices[:, FACES]
         normal = np.cross(face[:, :, 2] - face[:, :, 0], face[:, :, 3] - face[:, :, 1])
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
         normal = normal / np.maximum(length, 1e-12)
         openness = 0.8 + 0.2 * np.clip(face[..., 2].mean(-1) / 1.2, 0, 1)
         shade = self.stage.light(normal) * openness
-        return self.clothes[people][:, self.mesh.part] * shade[..., None]
+        return self.clothes[people][:, PART] * shade[..., None]
