@@ -178,10 +178,7 @@ def _schedule(
 
     When a group leaves, a new group of the same size comes. Bystanders never leave.
     """
-    size: list[int] = []
-    start: list[float] = []
-    leave: list[float] = []
-    is_background: list[bool] = []
+    groups: list[tuple[int, float, float, bool]] = []
     for total, outside in ((people, False), (background, True)):
         remaining = total
         while remaining > 0:
@@ -190,16 +187,9 @@ def _schedule(
             arrival = -1.0  # before the first frame
             while arrival < duration:
                 until = np.inf if outside else max(arrival, 0.0) + rng.exponential(stay)
-                size.append(count)
-                start.append(arrival)
-                leave.append(until)
-                is_background.append(outside)
+                groups.append((count, arrival, until, outside))
                 arrival = until + WALK_OUT + rng.exponential(3.0)
-    order = np.argsort(start, kind="stable")
-    group = np.repeat(np.arange(len(order)), np.asarray(size, int)[order])
-    return (
-        group,
-        np.asarray(start)[order],
-        np.asarray(leave)[order],
-        np.asarray(is_background, bool)[order],
-    )
+    columns = [("size", int), ("start", float), ("leave", float), ("background", bool)]
+    table = np.array(sorted(groups, key=lambda group: group[1]), columns)
+    group = np.repeat(np.arange(len(table)), table["size"])
+    return group, table["start"], table["leave"], table["background"]
