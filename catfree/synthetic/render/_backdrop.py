@@ -15,6 +15,7 @@ from catfree.synthetic.render._raycasting import (
 )
 from catfree.synthetic.render._stage import Cylinder, Sphere, Stage
 from catfree.synthetic.render._textures import (
+    FRONT_HEIGHT,
     FRONT_TEXEL,
     TEXEL,
     cloud,
@@ -23,7 +24,6 @@ from catfree.synthetic.render._textures import (
 )
 from catfree.types import Rig
 
-FRONT_HEIGHT = 10.5  # meters
 FAR_GROUND = 16.0  # meters beyond which the ground is sampled from a coarser picture
 HAZE = 140.0  # meters over which haze removes about two thirds of the contrast
 HAZE_COLOR = np.array([0.86, 0.8, 0.75], np.float32)
@@ -169,7 +169,7 @@ def _fronts(canvas: Canvas) -> None:
         hit &= (along >= 0) & (along <= length)
         if not hit.any():
             continue
-        picture = front_picture(stage, wall, length, FRONT_HEIGHT)
+        picture = front_picture(stage, wall, length)
         normal = np.zeros(3)
         normal[axis] = -side
         column, row = np.where(hit, along, 0), np.where(hit, FRONT_HEIGHT - up, 0)

@@ -7,6 +7,7 @@ from jaxtyping import Float, UInt8
 from catfree.synthetic.render._stage import LAWN_WIDTH, PLAZA_MARGIN, Cylinder, Solid, Sphere, Stage
 
 TEXEL = 0.025  # meters of ground per texel
+FRONT_HEIGHT = 10.5  # meters
 FRONT_TEXEL = 0.04  # meters of house front per texel
 TILE = 0.6  # meters, side of a paving slab
 
@@ -136,10 +137,10 @@ def solid_outline(solid: Solid) -> Float[np.ndarray, "n 3"]:
     )
 
 
-def front_picture(stage: Stage, wall: int, length: float | int, height: float | int) -> Picture:
+def front_picture(stage: Stage, wall: int, length: float | int) -> Picture:
     """Draw a house front with windows and a cornice: columns run along the wall, rows down."""
     rng = np.random.default_rng([stage.seed, 7, wall])
-    columns, rows = int(length / FRONT_TEXEL), int(height / FRONT_TEXEL)
+    columns, rows = int(length / FRONT_TEXEL), int(FRONT_HEIGHT / FRONT_TEXEL)
     base = np.array(
         [(0.52, 0.66, 0.76), (0.4, 0.45, 0.66), (0.62, 0.66, 0.68), (0.56, 0.62, 0.56)][
             (wall + stage.seed) % 4
@@ -151,7 +152,7 @@ def front_picture(stage: Stage, wall: int, length: float | int, height: float | 
     course = np.mod(np.arange(rows), int(0.3 / FRONT_TEXEL)) == 0
     picture[course] *= 0.93
     storey, bay = 3.2, rng.uniform(2.4, 3.2)
-    for level in range(int(height / storey)):
+    for level in range(int(FRONT_HEIGHT / storey)):
         top = rows - int((level * storey + 2.6) / FRONT_TEXEL)
         bottom = rows - int((level * storey + (0.9 if level else 0.15)) / FRONT_TEXEL)
         for column in range(int(length / bay)):
