@@ -32,12 +32,11 @@ SHADOW: Color = (30, 30, 30)
 
 
 def ground_grid(
-    scene: Scene, area: tuple[float, float, float, float], spacing: float
+    area: tuple[float, float, float, float], spacing: float
 ) -> list[tuple[str, int, Float[np.ndarray, "n 2"]]]:
     """Sample the lines of constant x and of constant y on the ground.
 
     Args:
-        scene: the scene.
         area: x_min, x_max, y_min, y_max in ground coordinates.
         spacing: distance between the lines in scene units.
 
@@ -100,7 +99,7 @@ def draw_ground_grid(
     thick = default_stroke(image)
     bounds = visible_area(scene) if area is None else as_area(area)
     canvas, size = image.copy(), (image.shape[1], image.shape[0])
-    lines = ground_grid(scene, bounds, step)
+    lines = ground_grid(bounds, step)
     # Axes last, on top of the plain lines.
     for axis, index, points in sorted(lines, key=lambda line: line[1] == 0):
         color = LINE_COLOR if index else (Y_COLOR if axis == "x" else X_COLOR)

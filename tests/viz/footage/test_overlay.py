@@ -242,7 +242,7 @@ def test_grid_lines_project_where_opencv_says(world):
     drawn = draw_ground_grid(GREY, scene, 1, area=world.area, spacing=1.0)
     assert drawn.shape == GREY.shape
     assert (GREY == 128).all()
-    lines = ground_grid(scene, world.area, 1.0)
+    lines = ground_grid(world.area, 1.0)
     assert len(lines) == 17 + 17
     rig = scene.rig
     rotation = cv2.Rodrigues(rig.R[1])[0]
