@@ -65,7 +65,7 @@ class Stage:
     """Everything that does not move.
 
     Attributes:
-        area: evaluation area in meters.
+        middle, half: (2,) center and half extents of the evaluation area in meters.
         front: half extents (x, y) of the rectangle of house fronts around its middle.
         sun: (3,) unit vector towards the sun.
         sunlight, skylight: brightness of the two lights.
@@ -74,7 +74,8 @@ class Stage:
         seed: seed of the textures.
     """
 
-    area: Area
+    middle: Float[np.ndarray, "2"]
+    half: Float[np.ndarray, "2"]
     front: Float[np.ndarray, "2"]
     sun: Float[np.ndarray, "3"]
     sunlight: float
@@ -82,16 +83,6 @@ class Stage:
     shadow_blur: float
     solids: tuple[Solid, ...]
     seed: int
-
-    @property
-    def middle(self) -> Float[np.ndarray, "2"]:
-        """(2,) center of the area."""
-        return middle_and_half(self.area)[0]
-
-    @property
-    def half(self) -> Float[np.ndarray, "2"]:
-        """(2,) half extents of the area."""
-        return middle_and_half(self.area)[1]
 
     def light(self, normal: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
         """Brightness (...,) of unshadowed surfaces with these unit normals (..., 3)."""
@@ -173,7 +164,8 @@ def build_stage(world: World, shadows: str | None = None) -> Stage:
     solids = [solid for column in world.columns for solid in _furniture(rng, column)]
     solids += [solid for place in _tree_places(rng, middle, front) for solid in _tree(rng, place)]
     return Stage(
-        area=world.area,
+        middle=middle,
+        half=half,
         front=front,
         sun=sun,
         sunlight=0.85 if hard else 0.5,
