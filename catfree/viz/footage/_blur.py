@@ -9,7 +9,7 @@ from catfree.adapters.protocols import Image
 from catfree.geometry import CanonicalFrame
 from catfree.geometry._person import people_in_rig
 from catfree.types import Detections, Localization, Scene
-from catfree.viz._camera_view import in_reach
+from catfree.viz.footage._drawing import in_reach
 
 BLOCKS = 5  # what is left of a person is about this many colors across
 MARGIN = 0.15  # beyond each side of a box, as a share of its width, because boxes cut off limbs

@@ -13,13 +13,13 @@ from catfree.geometry.camera import pixels_of_points
 from catfree.types import Scene
 from catfree.types._scene import require_scene
 from catfree.types._validation import as_area, as_count, as_positive, require_known_cameras
-from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import Color
 from catfree.viz.footage._drawing import (
     default_stroke,
     draw_labels,
     draw_polyline,
     round_step,
+    visible_runs,
 )
 
 LINES_PER_EXTENT = 16  # default spacing: the round number below E / 16, 1 m on a usual square

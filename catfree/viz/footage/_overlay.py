@@ -16,7 +16,6 @@ from catfree.types._annotations import Progress, no_progress
 from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, as_number, as_path, as_positive, require_instance
 from catfree.types._writing import replacement
-from catfree.viz._camera_view import in_reach, visible_runs
 from catfree.viz._palette import CAMERA_COLOR, track_color
 from catfree.viz._person_height import person_height as estimate_person_height
 from catfree.viz._plan_view import camera_names as names_of, view_area
@@ -28,6 +27,8 @@ from catfree.viz.footage._drawing import (
     draw_label,
     draw_labels,
     draw_polyline,
+    in_reach,
+    visible_runs,
 )
 from catfree.viz.footage._ground_grid import require_camera_picture
 from catfree.viz.footage._plan_canvas import CIRCLE, PlanCanvas

@@ -10,7 +10,6 @@ from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
 from catfree.types import Rig, Scene
 from catfree.viz import draw_frame, draw_ground_grid, write_overlay_video
-from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import UNTRACKED, track_color
 from catfree.viz._person_height import person_height
 from catfree.viz.footage._drawing import (
@@ -19,6 +18,7 @@ from catfree.viz.footage._drawing import (
     fill_polygon,
     round_step,
     text_size,
+    visible_runs,
 )
 from catfree.viz.footage._ground_grid import ground_grid
 from catfree.viz.footage._plan_canvas import PlanCanvas
