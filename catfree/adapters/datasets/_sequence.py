@@ -103,7 +103,7 @@ def require_people_in_front(rig: Rig, positions: np.ndarray) -> None:
     Raises:
         InvalidInputError: naming the share of them.
     """
-    if len(positions) == 0 or rig.camera_count == 0:
+    if len(positions) == 0:
         return
     axis = np.asarray(rig.R)[:, 2]
     depth = axis[:, :2] @ positions.T + np.asarray(rig.t)[:, 2:]

@@ -153,8 +153,6 @@ def ticks_of_frames(times: Times, start: float, rate: float) -> Int[np.ndarray, 
     """
     exact = (times - start) * rate
     tick = np.floor(exact + 0.5).astype(np.int64)
-    if not len(tick):
-        return tick
     _make_room(tick, exact, 0)
     # The same toward later ticks, in the mirror.
     mirrored = -tick[::-1]

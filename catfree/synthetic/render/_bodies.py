@@ -196,4 +196,4 @@ def _sweep(
         + radius[:, None, :1] * c * first[..., None, :]
         + radius[:, None, 1:] * s * second[..., None, :]
     )
-    return ring.reshape(len(center), -1, 3)
+    return ring.reshape(len(center), len(radius) * SIDES, 3)

@@ -49,9 +49,8 @@ class Painter:
         """Paint the (H, W, 3) BGR picture of a frame."""
         picture = self.background.picture.copy()
         people, vertices = self._bodies(frame)
-        if len(people):
-            self._shadows(picture, vertices)
-            self._draw_bodies(picture, people, vertices)
+        self._shadows(picture, vertices)
+        self._draw_bodies(picture, people, vertices)
         picture = cv2.add(picture, self.noise[frame % NOISE_PICTURES])
         return cv2.subtract(picture, self.noise_middle)
 
@@ -67,8 +66,6 @@ class Painter:
         distance = np.linalg.norm(middle - self.center, axis=-1)
         order = np.argsort(-distance)
         people = people[order[near[order]]]
-        if not len(people):
-            return people, np.zeros((0, 0, 3))
         speed = np.linalg.norm(walkers.velocity[frame, people], axis=-1)
         body = body_vertices(walkers.stride[frame, people], speed)
         place, heading = walkers.position[frame, people], walkers.heading[frame, people]

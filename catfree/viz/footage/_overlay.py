@@ -102,8 +102,7 @@ def draw_frame(
         identity = np.full_like(identity, -1)
     for row in box_rows:
         draw_box(canvas, detections.box[row], track_color(identity[row]), 0.6 * thick)
-    if len(positions):
-        _draw_people(canvas, positions, scene, camera, height, thick)
+    _draw_people(canvas, positions, scene, camera, height, thick)
     return canvas
 
 

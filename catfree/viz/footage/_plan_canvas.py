@@ -44,7 +44,6 @@ class PlanCanvas:
         middle = np.array([view[0] + view[1], view[2] + view[3]]) / 2
         self._origin = np.array([width, height]) / 2 - self._scale * np.array([1, -1]) * middle
         self._background = np.full((height, width, 3), PAPER, np.uint8)
-        self._occupied = np.zeros((0, 4))
         self._draw_grid(length_unit(scene))
         self._draw_cameras(scene, names)
 

@@ -89,15 +89,8 @@ def plot_bird_eye(
     if outline is not None:
         corners = [outline[i] for i in (0, 1, 1, 0, 0)], [outline[i] for i in (2, 2, 3, 3, 2)]
         ax.plot(*corners, color="0.55", linewidth=1, linestyle=(0, (6, 4)), zorder=1)
-    if len(truth):
-        ax.scatter(
-            *truth[:, 2:].T,
-            marker="+",
-            s=22,
-            linewidths=0.7,
-            zorder=2,
-            color=(*fraction(TRUTH_COLOR), 0.45),
-        )
+    color = (*fraction(TRUTH_COLOR), 0.45)
+    ax.scatter(*truth[:, 2:].T, marker="+", s=22, linewidths=0.7, zorder=2, color=color)
     ends = _draw_tracks(ax, tracks, confidence, detail_limit)
     show_ground(ax, view, length_unit(scene))
     ax.tick_params(labelsize=8)
@@ -154,11 +147,10 @@ def _draw_tracks(
         _draw_ellipse(ax, one[-1:], color, confidence)
         ends.append((identity, one.ground_xy[-1]))
     loose = tracks[tracks.track_id < 0]
-    if len(loose):
-        color = fraction(track_color(-1))
-        ax.plot(*loose.ground_xy.T, "o", color=color, markersize=2.5, zorder=2)
-        if len(loose) <= detail_limit:
-            _draw_ellipse(ax, loose, color, confidence)
+    color = fraction(track_color(-1))
+    ax.plot(*loose.ground_xy.T, "o", color=color, markersize=2.5, zorder=2)
+    if len(loose) <= detail_limit:
+        _draw_ellipse(ax, loose, color, confidence)
     return ends
 
 
