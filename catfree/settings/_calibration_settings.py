@@ -1,8 +1,11 @@
-"""The constants of the calibration from pedestrians with their reasons, the same for all data."""
+"""The constants of the calibration from pedestrians with their reasons, the same for all data.
+
+`docs/calibration_constants.md` is made of the reasons given here.
+"""
 
 from dataclasses import dataclass
 
-from catfree.settings._checked_settings import CheckedSettings
+from catfree.settings._checked_settings import CheckedSettings, constant
 
 
 @dataclass(frozen=True)
@@ -21,23 +24,21 @@ class CalibrationSettings(CheckedSettings):
         anchor_level: probability of the difference between an anchor and everything else (a
             chi-square) below which the anchor is not used.
         foot_offset: how much nearer to the camera than the body axis the visible bottom of a box
-            is: a foot reaches 0.1 m ahead of a standing body, 0.2 m in mid stride. Boxes hardly
-            constrain it (it trades off with scale and focal length), so it is not fitted.
+            is. Boxes hardly constrain it (it trades off with scale and focal length), so it is not
+            fitted.
         foot_offset_sd: its uncertainty, part of the uncertainty of the scale.
         box_slack: share of the person's height by which a box is taller than the person, half of it
-            above the head and half below the soles: detectors are trained on boxes drawn with a
-            margin of a pixel or two.
+            above the head and half below the soles.
         box_slack_sd: its uncertainty, part of the uncertainty of the scale.
         pixel_sd: box edge noise that does not depend on the size of the box.
         relative_sd: box edge noise as a share of the box height.
         body_sd: standard deviation of the center of a box from the body axis.
         border: boxes nearer to the image border than this share of the image width count as cut
             and are left out.
-        focal_shares: focal lengths to try, as shares of the longer image side (90, 71, 58 degrees
-            of view).
+        focal_shares: focal lengths to try, as shares of the longer image side.
         focal_log_sd: spread of log focal around the middle of `focal_shares`, a weak prior.
         focal_spread: standard deviation of the log focal lengths of the cameras of one site while
-            they are placed; the refinement learns how much they differ.
+            they are placed.
         roll_sd: weak prior that cameras are mounted upright.
         maximum_frames: longer sequences are evenly subsampled to this many frames.
         voting_frames: number of frames used to vote on placements and to compare many of them.
@@ -47,8 +48,7 @@ class CalibrationSettings(CheckedSettings):
         voting_radius: pairs farther apart than this do not vote.
         chance_weight: share of the chance votes (sequence shifted by half its length) subtracted.
         detection_rates: bounds on the probability that a person who should be seen has a box.
-        match_gate: largest squared Mahalanobis distance of a match (99 % of a chi-square with 2
-            degrees of freedom).
+        match_gate: largest squared Mahalanobis distance of a match.
         shared_focal_sd: standard deviation of log focal lengths of cameras of one kind.
         bent_lenses: radial distortion k1 of all lenses to try if ideal lenses place fewer than
             three cameras.
@@ -57,21 +57,19 @@ class CalibrationSettings(CheckedSettings):
             accepted.
         minimum_association: share of explained boxes that an accepted camera must reach.
         minimum_margin: natural-log evidence by which an accepted camera must exceed every shifted
-            time; fitting seven parameters to chance alone gains about ten.
-        minimum_match_margin: the same per match; a correct camera gains about one.
+            time.
+        minimum_match_margin: the same per match.
         minimum_matches: matches that an accepted camera must reach.
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
         strained_residual: ratio of a camera's residual to the usual one above which other poses are
-            tried, and finally the camera is flagged. Correctly placed cameras differ by up to 1.3
-            (lenses, distances); one displaced by a tenth of its range has twice the usual residual.
+            tried, and finally the camera is flagged.
         unsupported_share: ratio of a camera's share of boxes in confident people to the usual share
-            below which other poses are tried: so few boxes fit any pose.
-        fewest_to_compare: with fewer cameras, each distorts the others as much as itself, and no
-            other poses are tried.
-        largest_focal_sd: relative; a camera with a larger uncertainty of the focal length places a
-            person 20 m away wrong by a meter, and is not accepted.
-        minimum_frames: fewer frames than this cannot be told from chance.
+            below which other poses are tried.
+        fewest_to_compare: with fewer cameras no other poses are tried.
+        largest_focal_sd: relative; a camera with a larger uncertainty of the focal length is not
+            accepted.
+        minimum_frames: least number of frames with boxes.
         evidence_rounds: largest number of rounds in which the most certain groups of the evidence
             method refine the rig, until it converges; 0 keeps the registered rig.
     """
@@ -96,58 +94,131 @@ class CalibrationSettings(CheckedSettings):
     )
     shares = frozenset({"anchor_level", "detection_rates"})
 
-    person_height: float = 1.70
-    person_height_sd: float = 0.09
-    crowd_height_sd: float = 0.04
-    unusual_height_sd: float = 0.4
-    anchor_level: float = 0.001
-    foot_offset: float = 0.15
-    foot_offset_sd: float = 0.10
-    box_slack: float = 0.02
-    box_slack_sd: float = 0.02
-    pixel_sd: float = 4.0
-    relative_sd: float = 0.025
-    body_sd: float = 0.08
-    border: float = 0.003
-    focal_shares: tuple[float, ...] = (0.5, 0.7, 0.9)
-    focal_log_sd: float = 0.5
-    focal_spread: float = 0.1
-    roll_sd: float = 0.15
-    maximum_frames: int = 300
-    voting_frames: int = 36
-    scoring_frames: int = 72
-    voting_angle: float = 0.0698
-    voting_cell: float = 1.0
-    voting_radius: float = 60.0
-    chance_weight: float = 0.7
-    detection_rates: tuple[float, float] = (0.3, 0.9)
-    match_gate: float = 9.21
-    shared_focal_sd: float = 0.003
-    bent_lenses: tuple[float, ...] = (-0.15, -0.3)
-    distortion_sd: float = 0.2
-    free_lens_gain: float = 0.03
-    minimum_association: float = 0.45
-    minimum_margin: float = 25.0
-    minimum_match_margin: float = 0.1
-    minimum_matches: int = 15
-    chance_shifts: tuple[float, ...] = (
-        0.04,
-        0.08,
-        0.17,
-        0.29,
-        0.41,
-        0.53,
-        0.67,
-        0.83,
-        0.92,
-        0.96,
+    # People and their boxes.
+    person_height: float = constant(
+        1.70, "physical", "adults of both sexes in shoes, the mean of many countries"
     )
-    strained_residual: float = 1.5
-    unsupported_share: float = 0.5
-    fewest_to_compare: int = 4
-    largest_focal_sd: float = 0.05
-    minimum_frames: int = 20
-    evidence_rounds: int = 5
+    person_height_sd: float = constant(
+        0.09, "physical", "adults of both sexes differ by 8 to 10 cm"
+    )
+    crowd_height_sd: float = constant(
+        0.04, "physical", "the means of countries and of crowds differ by a few centimeters"
+    )
+    unusual_height_sd: float = constant(
+        0.4, "physical", "a class of children is 0.4 m shorter than adults"
+    )
+    foot_offset: float = constant(
+        0.15, "physical", "a foot reaches 0.1 m ahead of a standing body, 0.2 m in mid stride"
+    )
+    foot_offset_sd: float = constant(
+        0.10, "physical", "between both feet below the body and a long stride"
+    )
+    box_slack: float = constant(
+        0.02, "physical", "detectors are trained on boxes drawn with a margin of a pixel or two"
+    )
+    box_slack_sd: float = constant(
+        0.02, "physical", "from boxes that touch the person to twice the usual margin"
+    )
+    pixel_sd: float = constant(
+        4.0, "physical", "an edge is found to a few pixels, however small the box"
+    )
+    relative_sd: float = constant(0.025, "physical", "steps and sway: 4 cm of a person")
+    body_sd: float = constant(
+        0.08, "physical", "arms and bags move the center of a box by a third of half a body"
+    )
+    border: float = constant(
+        0.003,
+        "physical",
+        "6 pixels of 1920: boxes of cut people end up to this far inside the image",
+    )
+    detection_rates: tuple[float, float] = constant(
+        (0.3, 0.9),
+        "physical",
+        "a camera that misses more people is hardly worth its place, and none misses nobody",
+    )
+
+    # Cameras.
+    focal_shares: tuple[float, ...] = constant(
+        (0.5, 0.7, 0.9), "start", "90, 71 and 58 degrees of view, near enough to converge to others"
+    )
+    focal_log_sd: float = constant(
+        0.5, "physical", "one lens in three is wider than 99 degrees or narrower than 47"
+    )
+    focal_spread: float = constant(
+        0.1, "start", "a site has cameras of one kind, or of few; learned by the refinement"
+    )
+    shared_focal_sd: float = constant(
+        0.003, "physical", "lenses of one kind differ by some thousandths"
+    )
+    roll_sd: float = constant(
+        0.15, "physical", "cameras are upright to within 9 degrees, and seldom off by 17"
+    )
+    bent_lenses: tuple[float, ...] = constant(
+        (-0.15, -0.3),
+        "start",
+        "a wide lens and an action camera, near enough to converge to others",
+    )
+    distortion_sd: float = constant(
+        0.2, "physical", "from lenses without distortion to action cameras"
+    )
+
+    # The search for cameras.
+    maximum_frames: int = constant(
+        300, "numerical", "cameras that stand still need people in many places, not all frames"
+    )
+    voting_frames: int = constant(
+        36, "numerical", "two people in each are enough for votes that stand out"
+    )
+    scoring_frames: int = constant(
+        72, "numerical", "twice as many, for the few placements that are left"
+    )
+    voting_angle: float = constant(0.0698, "numerical", "4 degrees; each placement is refined")
+    voting_cell: float = constant(
+        1.0, "numerical", "the error of a position in one view; each placement is refined"
+    )
+    voting_radius: float = constant(
+        60.0, "numerical", "farther away, a person is a few pixels high"
+    )
+    chance_weight: float = constant(
+        0.7, "decision", "half a sequence later, some people are where they were"
+    )
+    match_gate: float = constant(9.21, "decision", "99 % of a chi-square with 2 degrees of freedom")
+
+    # Which cameras are accepted.
+    minimum_frames: int = constant(20, "decision", "fewer frames cannot be told from chance")
+    minimum_matches: int = constant(15, "decision", "twice as many as a camera has parameters")
+    minimum_association: float = constant(
+        0.45, "decision", "more than a wrong placement in a crowd reaches by chance"
+    )
+    minimum_margin: float = constant(
+        25.0, "decision", "fitting seven parameters to chance alone gains about ten"
+    )
+    minimum_match_margin: float = constant(0.1, "decision", "a correct camera gains about one")
+    chance_shifts: tuple[float, ...] = constant(
+        (0.04, 0.08, 0.17, 0.29, 0.41, 0.53, 0.67, 0.83, 0.92, 0.96),
+        "decision",
+        "from a few frames to half the sequence, in both directions",
+    )
+    largest_focal_sd: float = constant(
+        0.05, "decision", "with more, a person 20 m away is placed wrong by a meter"
+    )
+
+    # The refinement.
+    evidence_rounds: int = constant(5, "numerical", "cameras usually rest after two or three")
+    free_lens_gain: float = constant(
+        0.03, "decision", "other errors that look like distortion save less"
+    )
+    strained_residual: float = constant(
+        1.5,
+        "decision",
+        "correctly placed cameras differ by up to 1.3 (lenses, distances); one displaced by a"
+        " tenth of its range has twice the usual residual",
+    )
+    unsupported_share: float = constant(0.5, "decision", "so few boxes fit any pose")
+    fewest_to_compare: int = constant(
+        4, "decision", "fewer cameras distort each other as much as themselves"
+    )
+    anchor_level: float = constant(0.001, "decision", "one true anchor in a thousand is refused")
 
     @property
     def apparent_height(self) -> float:

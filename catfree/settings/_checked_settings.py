@@ -1,14 +1,23 @@
-"""What every class of settings refuses: values that its fields cannot have."""
+"""What every class of settings has: constants with their reasons, and refusals of wrong values."""
 
-from dataclasses import fields
+from dataclasses import field, fields
 from functools import lru_cache
 from numbers import Integral, Real
 from types import UnionType
-from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from catfree.errors import InvalidInputError, quoted
+
+T = TypeVar("T")
+
+
+def constant(
+    value: T, kind: Literal["physical", "start", "decision", "numerical"], reason: str
+) -> T:
+    """A field with its kind, which `docs/evidence_constants.md` explains, and the reason for it."""
+    return field(default=value, metadata={"kind": kind, "reason": reason})
 
 
 class CheckedSettings:

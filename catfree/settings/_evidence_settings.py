@@ -7,19 +7,9 @@ depend on the scale of the scene; pixels are shares of the box height or of the 
 log-odds use the natural logarithm.
 """
 
-from dataclasses import dataclass, field
-from typing import Literal, TypeVar
+from dataclasses import dataclass
 
-from catfree.settings._checked_settings import CheckedSettings
-
-T = TypeVar("T")
-
-
-def constant(
-    value: T, kind: Literal["physical", "start", "decision", "numerical"], reason: str
-) -> T:
-    """A field with its kind (see `docs/evidence_constants.md`) and the reason for its value."""
-    return field(default=value, metadata={"kind": kind, "reason": reason})
+from catfree.settings._checked_settings import CheckedSettings, constant
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
-"""Write `docs/evidence_constants.md`: the constants of the evidence method and what they change.
+"""Write the pages of constants: of the evidence method, and of rigs from people.
 
     python docs/hooks/constants_page.py
 
-The reasons are those of `catfree.settings.EvidenceSettings`; the effects are measured by
-`benchmarks/evidence_ablation.py --constants`, which writes `docs/evidence_effects.json`.
+The reasons are those of the settings. What the constants of the evidence method change is measured
+by `benchmarks/evidence_ablation.py --constants`, which writes `docs/evidence_effects.json`.
 """
 
 import dataclasses
@@ -12,15 +12,16 @@ import json
 import pkgutil
 import re
 from pathlib import Path
+from types import ModuleType
 
+from catfree.calibration import _confident_people, _evidence_loop, people
 from catfree.methods import evidence
-from catfree.settings import EvidenceSettings
+from catfree.settings import CalibrationSettings, EvidenceSettings
 
 DOCS = Path(__file__).parents[1]
 EFFECTS = DOCS / "evidence_effects.json"
-PAGE = DOCS / "evidence_constants.md"
 
-HEAD = """\
+EVIDENCE_HEAD = """\
 # Every constant of the evidence method
 
 All data use the same values; none was chosen for a scene. *Physical*: a size, speed or share of
@@ -45,15 +46,32 @@ Less than {chance} points is chance: changing any constant by 2 % does as much.
 |---|---|---|---|---|---|
 """
 
+CALIBRATION_HEAD = """\
+# Every constant of rigs from people
+
+All data use the same values; none was chosen for a scene. *Physical*: a size or height of people,
+a property of boxes, cameras or lenses. *Start*: a value from which an estimate starts.
+*Decision*: how much evidence is required. *Numerical*: affects run time and the last digits, not
+which cameras are found. Lengths are in meters, angles in radians, pixels those of the original
+images.
+
+All are fields of `cf.settings.CalibrationSettings`. The modules have further constants, which are
+[listed below](#constants-of-the-modules): sizes of blocks, limits of iterations and searches, and
+guards. `python docs/hooks/constants_page.py` writes this page.
+
+| constant | value | kind | reason |
+|---|---|---|---|
+"""
+
 MODULES = """
 ## Constants of the modules
 
-They are in `catfree/methods/evidence/`, and no user has a reason to change them.
+They are in {folders}, and no user has a reason to change them.
 
 | constant | value | what it is |
 |---|---|---|
 """
-COMMENTED = re.compile(r"^([A-Z][A-Z_]*) = .*?  # (.+)$", re.MULTILINE)
+COMMENTED = re.compile(r"^([A-Z][A-Z_0-9]*) = .*?  # (.+)$", re.MULTILINE)
 
 
 def shown(value: object) -> str:
@@ -62,30 +80,63 @@ def shown(value: object) -> str:
     return ", ".join(str(part) if isinstance(part, int) else f"{part:g}" for part in parts)
 
 
-def page() -> str:
-    """The whole page."""
-    effects = json.loads(EFFECTS.read_text("utf-8"))
+def evidence_page() -> str:
+    """The whole page of the evidence method."""
+    measured = json.loads(EFFECTS.read_text("utf-8"))
+    head = EVIDENCE_HEAD.format(sets=measured["sets"], chance=measured["chance"])
     rows = []
-    for field in dataclasses.fields(EvidenceSettings):
-        if field.metadata:
-            halved, doubled = (f"{round(c, 1) + 0:+.1f}" for c in effects["moda"][field.name])
-            kind, reason = field.metadata["kind"], field.metadata["reason"]
-            name, value = f"`{field.name}`", shown(field.default)
-            rows.append(f"| {name} | {value} | {kind} | {reason} | {halved} | {doubled} |")
-    head = HEAD.format(sets=effects["sets"], chance=effects["chance"])
-    return head + "\n".join(rows) + "\n" + MODULES + "\n".join(of_modules()) + "\n"
+    for field, row in of_settings(EvidenceSettings):
+        halved, doubled = (f"{round(c, 1) + 0:+.1f}" for c in measured["moda"][field])
+        rows.append(f"{row} {halved} | {doubled} |")
+    return whole(head, rows, "`catfree/methods/evidence/`", [evidence])
 
 
-def of_modules() -> list[str]:
-    """A row for each constant of the modules, from the comment beside it."""
+def calibration_page() -> str:
+    """The whole page of rigs from people."""
+    rows = [row for _, row in of_settings(CalibrationSettings)]
+    folders = (
+        "`catfree/calibration/people/`, and in `_evidence_loop.py` and\n`_confident_people.py` "
+        "beside it"
+    )
+    return whole(CALIBRATION_HEAD, rows, folders, [people, _evidence_loop, _confident_people])
+
+
+def of_settings(settings: type) -> list[tuple[str, str]]:
+    """The name and the row of each constant of some settings."""
+    return [
+        (
+            field.name,
+            f"| `{field.name}` | {shown(field.default)} | {field.metadata['kind']} | "
+            f"{field.metadata['reason']} |",
+        )
+        for field in dataclasses.fields(settings)
+        if field.metadata
+    ]
+
+
+def whole(head: str, rows: list[str], folders: str, code: list[ModuleType]) -> str:
+    """Join the parts of a page."""
+    modules = MODULES.format(folders=folders)
+    return head + "\n".join(rows) + "\n" + modules + "\n".join(of_modules(code)) + "\n"
+
+
+def of_modules(code: list[ModuleType]) -> list[str]:
+    """A row for each constant of modules and packages, from the comment beside it."""
     rows = []
-    for module in pkgutil.walk_packages(evidence.__path__, f"{evidence.__name__}."):
-        code = importlib.import_module(module.name)
-        short = module.name.rpartition(".")[2].removeprefix("_")
-        for name, what in COMMENTED.findall(Path(str(code.__file__)).read_text("utf-8")):
-            rows.append(f"| `{short}.{name}` | {shown(getattr(code, name))} | {what} |")
+    for module in code:
+        inside = pkgutil.walk_packages(getattr(module, "__path__", []), f"{module.__name__}.")
+        for part in [module, *(importlib.import_module(one.name) for one in inside)]:
+            short = part.__name__.rpartition(".")[2].removeprefix("_")
+            for name, what in COMMENTED.findall(Path(str(part.__file__)).read_text("utf-8")):
+                rows.append(f"| `{short}.{name}` | {shown(getattr(part, name))} | {what} |")
     return sorted(rows)
 
 
+PAGES = {
+    DOCS / "evidence_constants.md": evidence_page,
+    DOCS / "calibration_constants.md": calibration_page,
+}
+
 if __name__ == "__main__":
-    PAGE.write_text(page(), "utf-8")
+    for path, page in PAGES.items():
+        path.write_text(page(), "utf-8")

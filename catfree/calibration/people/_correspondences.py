@@ -32,7 +32,7 @@ from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 from catfree.types._validation import as_float, as_integer, require_shape
 
-FEWEST_PEOPLE = 20
+FEWEST_PEOPLE = 20  # from which a rig is refined
 
 
 def refine_with_correspondences(

@@ -44,11 +44,10 @@ from catfree.settings import CalibrationSettings
 
 GAUGE_SD = 1e-5  # meters and radians; of the camera that fixes the gauge, and of fixed lenses
 STEEPEST_TILT = 1.5  # radians; at a right angle, heading and roll are the same
-CAMERA_HEIGHTS = (0.3, 80.0)  # meters
-# People are padded to this number times a power of 2: most adjustments are of one pair of cameras,
-# or of as many people as the search uses at most. Cameras are padded to a multiple of theirs.
-PEOPLE_BLOCK = 1250
-CAMERA_BLOCK = 2
+CAMERA_HEIGHTS = (0.3, 80.0)  # meters; of a camera while it is adjusted
+# Most adjustments are of one pair of cameras, or of as many people as the search uses at most.
+PEOPLE_BLOCK = 1250  # people are padded to this number times a power of 2
+CAMERA_BLOCK = 2  # cameras are padded to a multiple of this number
 
 
 @dataclass(frozen=True)

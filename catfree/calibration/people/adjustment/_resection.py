@@ -35,7 +35,7 @@ from catfree.types._annotations import HostOrDevice
 TOLERANCES = (0.10, 0.06, 0.03)  # fraction of the range, decreasing as the camera converges
 MOST_STEPS = 8  # of a fit
 HEIGHTS = (0.5, 60.0)  # meters; a camera that leaves them diverges, as a mirrored one does
-FEWEST_MATCHES = 6
+FEWEST_MATCHES = 6  # of a camera: fewer do not determine it
 MATCHES_BLOCK = 1024  # matches are padded to this number, or to a power of four times it
 FITS_BLOCK = 4  # fits are padded in the same way
 

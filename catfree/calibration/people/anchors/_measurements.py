@@ -37,7 +37,7 @@ from catfree.types import GeoReference, Rig
 QUANTITIES = ("distance", "height", "focal length", "position", "rotation", "point", "people")
 DISTANCE, HEIGHT, FOCAL, POSITION, ROTATION, POINT, PEOPLE = range(7)
 LEAST_FALL = 1e-3  # of a ray per unit of length; flatter ones hardly meet the ground
-NEAREST = 1e-6  # meters
+NEAREST = 1e-6  # meters; a shorter length has no direction
 
 
 class Measurement(NamedTuple):

@@ -16,8 +16,8 @@ from catfree.types import Rig, Scene
 from catfree.types._annotations import HostOrDevice
 from catfree.types._scene import metric_scene
 
-LOG_FOCAL, TILT, ROLL, PAN, X, Y, Z = range(7)
-K1 = 7  # radial distortion, which follows the seven parameters in the bundle adjustment
+# The bundle adjustment appends the radial distortion k1 to the seven parameters of a camera.
+LOG_FOCAL, TILT, ROLL, PAN, X, Y, Z, K1 = range(8)
 
 
 def rotation(parameters: Float[HostOrDevice, "*n 7"]) -> Any:

@@ -19,9 +19,7 @@ from catfree.settings import CalibrationSettings
 NEAREST = 0.3  # meters; nearer, a person is below the camera
 USUAL_RANGE = 5.0  # meters; of a foot out of reach, for the lean of its person
 FARTHEST = 80.0  # meters; beyond, the box of a person is a few pixels in any camera
-# Errors of a map along its rays as shares of the range: of a single view first, of an adjusted rig
-# last.
-RANGE_ERRORS = (0.08, 0.05, 0.03, 0.02, 0.01)
+RANGE_ERRORS = (0.08, 0.05, 0.03, 0.02, 0.01)  # relative; first of a view, last of an adjusted rig
 
 
 @dataclass(frozen=True)

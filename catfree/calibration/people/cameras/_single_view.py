@@ -30,12 +30,13 @@ from catfree.types._sampling import evenly_spread
 TRIALS = 400  # minimal samples; if half of the boxes are good, all 400 fail with probability e^-53
 TOLERANCE = 0.10  # relative to the predicted box height: twice the spread of heights
 LARGEST_SAMPLE = 1500  # boxes per fit; fewer are padded to this number
-FEWEST_BOXES = 12
-LARGEST_MISFIT = 30.0  # standard deviations
+FEWEST_BOXES = 12  # of a camera: fewer fit any plane
+LARGEST_MISFIT = 30.0  # standard deviations; larger ones count as this
 HEIGHTS = (0.8, 40.0)  # meters; of a camera
-TILTS = (-0.3, 1.4)  # radians
-LARGEST_ROLL = 0.6  # radians
-SAME_ANGLE, SAME_HEIGHT = 0.009, 0.03  # radians and relative; planes that differ by less are one
+TILTS = (-0.3, 1.4)  # radians; of a camera
+LARGEST_ROLL = 0.6  # radians; of a camera
+SAME_ANGLE = 0.009  # radians; planes that differ by less, and by less than `SAME_HEIGHT`, are one
+SAME_HEIGHT = 0.03  # relative; of the camera above the planes
 FLATTEST = 1e3  # camera heights; feet that are farther away are near the horizon
 
 

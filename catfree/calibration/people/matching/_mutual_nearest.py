@@ -12,8 +12,8 @@ from catfree.types._sampling import mutually_lowest
 
 ROUNDING = 1.01  # single precision may shorten a distance by less
 LEAST_DENSITY = 0.002  # boxes per square meter and frame: one somewhere in 500 square meters
-CELL = 0.5  # meters
-BLUR = 1.0  # meters
+CELL = 0.5  # meters; of the map of the density of boxes
+BLUR = 1.0  # meters; of that map
 MARGIN = 4 * BLUR  # beyond it the blur ends
 
 

@@ -13,10 +13,10 @@ from catfree.calibration.people.matching._placement import Placement, align_rigi
 from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
 
-PLACEMENTS_PER_VOTE = 3
+PLACEMENTS_PER_VOTE = 3  # of a pair of planes: the likeliest
 SHORTLIST = 30  # placements of a pair compared on few frames
 FINALISTS = 6  # of these, placements compared on more frames
-SETTLING_ROUNDS = 3
+SETTLING_ROUNDS = 3  # of matching people and fitting the placement to them
 FEWEST_MATCHES = 4  # from which a placement settles
 
 
