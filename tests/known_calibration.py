@@ -19,7 +19,7 @@ def calibration_of(scene: Scene, **others: Any) -> Calibration:
         "distortion_sd": 0 * ones,
         "camera_covariance": 1e-4 * np.eye(7 * count).reshape(count, 7, count, 7),
         "center_covariance": np.tile(1e-4 * np.eye(3), (count, 1, 1)),
-        "focal_spread": 0.1,
+        "shared_focal": False,
         "scale_sd": 0.1,
         "crowd_height": 1.7,
         "crowd_height_sd": 0.06,

@@ -60,9 +60,9 @@ def refine_with_correspondences(
         iterations: maximum number of steps.
 
     Returns:
-        The refined rig with new focal and center uncertainties, with lens distortion if these
-        people support it, and with focal lengths as alike as they suggest; the evidence is that of
-        the given rig.
+        The refined rig with new focal and center uncertainties, and with or without lens
+        distortion and with shared or separate focal lengths, whichever these people support; the
+        evidence is that of the given rig.
 
     Raises:
         InvalidInputError: if anchors were fitted to the rig, if shapes do not match, or if members
@@ -115,15 +115,17 @@ def refine_with_correspondences(
             k1=k1 if bent else None,
         )
 
-    ideal, bent = (solved(spread=np.inf, bent=free) for free in (False, True))
+    alike = settings.shared_focal_sd
+    ideal, bent = (solved(spread=alike, bent=free) for free in (False, True))
     is_bent = bent.cost <= (1 - settings.free_lens_gain) * ideal.cost
-    separate = bent if is_bent else ideal
+    separate = solved(spread=np.inf, bent=is_bent)
     known = np.flatnonzero(np.isfinite(separate.parameters[:, LOG_FOCAL]))
     errors = separate.camera_covariance(repeats)[:, LOG_FOCAL, :, LOG_FOCAL]
     spread = learn_focal_spread(
         separate.parameters[known, LOG_FOCAL], errors[np.ix_(known, known)], settings
     )
-    result = solved(spread=spread, bent=is_bent)
+    solutions = {alike: bent if is_bent else ideal, np.inf: separate}
+    result = solutions.get(spread) or solved(spread=spread, bent=is_bent)
     adjusted = np.isfinite(result.parameters[:, LOG_FOCAL])
     parameters = np.where(adjusted[:, None], result.parameters, parameters)
     scene = scene_of(parameters, rig.image_size, np.where(adjusted, result.k1, k1))
@@ -136,7 +138,7 @@ def refine_with_correspondences(
         calibration,
         **found,
         scene=replace(scene, rig_sd=rig_sd),
-        focal_spread=spread,
+        shared_focal=spread == alike,
         distortion_sd=np.where(adjusted, repeats**0.25 * result.k1_sd, calibration.distortion_sd),
         camera_covariance=np.where(
             np.logical_and.outer(adjusted, adjusted)[:, None, :, None],

@@ -56,8 +56,7 @@ class Calibration:
             ground position of the camera with most boxes fixed. This and `focal_sd` cover random
             box noise, the foot offset, and lens distortion where it was estimated; `scale_sd`
             covers the scale.
-        focal_spread: standard deviation of the log focal lengths of the cameras from their mean,
-            as assumed while cameras are placed, and as learned by the refinement.
+        shared_focal: whether one focal length is used for all cameras.
         scale_sd: relative standard deviation of every length, from the uncertain height of the
             people, the slack of the boxes, the foot offset, and box noise.
         crowd_height: mean height of the people in meters. Without anchors it is an assumption on
@@ -81,7 +80,7 @@ class Calibration:
     camera_covariance: Float[np.ndarray, "cam 7 cam 7"]
     distortion_sd: Float[np.ndarray, " cam"]
     center_covariance: Float[np.ndarray, "cam 3 3"]
-    focal_spread: float
+    shared_focal: bool
     scale_sd: float
     crowd_height: float
     crowd_height_sd: float
@@ -238,7 +237,7 @@ def describe_registration(
         log_likelihood_ratio=evidence,
         camera_covariance=bundle.camera_covariance(),
         distortion_sd=np.where(state.placed, bundle.k1_sd, np.nan),
-        focal_spread=work.settings.focal_spread,
+        shared_focal=False,
         foot_offset=work.settings.foot_offset,
         frame_offset=offset,
         **told_by(bundle, work.grid.frame_count, work.settings),

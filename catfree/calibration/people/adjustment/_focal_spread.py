@@ -2,9 +2,10 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import softmax
 
 from catfree.settings import CalibrationSettings
+
+SURE = 2.7  # gain in log likelihood that cameras of one kind reach once in a hundred times
 
 
 def learn_focal_spread(
@@ -17,23 +18,27 @@ def learn_focal_spread(
     Args:
         log_focal: (C,) of each camera, found without regard to the others.
         errors: (C, C) covariance of their errors.
-        settings: as likely as not the cameras are of one kind, with a spread of `shared_focal_sd`;
-            otherwise its logarithm is equally likely anywhere from there to that of `focal_log_sd`.
+        settings: `shared_focal_sd` is the spread of cameras of one kind, which is assumed unless
+            another one is surely likelier.
 
     Returns:
-        The posterior mean of the standard deviation from the common mean.
+        Standard deviation from the common mean; infinity for up to three cameras that differ, from
+        which it cannot be learned.
 
-    Source: the likelihood of what differs between the cameras, whose mean is free: Patterson and
-        Thompson (1971), "Recovery of inter-block information when block sizes are unequal".
+    Source: the spread whose posterior means are better than what each camera finds for itself, for
+        four cameras and more: Efron and Morris (1973), "Stein's estimation rule and its
+        competitors".
     """
     count = len(log_focal)
     center = np.eye(count) - 1 / count
     variance, axes = np.linalg.eigh(center @ errors @ center)
     square = (axes.T @ center @ log_focal) ** 2
-    others = np.geomspace(settings.shared_focal_sd, settings.focal_log_sd)
-    spreads = np.append(settings.shared_focal_sd, others)
-    prior = np.append(1.0, np.full(len(others), 1 / len(others)))
+    spreads = np.geomspace(settings.shared_focal_sd, settings.focal_log_sd)
     # Without the mean's own axis, the first.
     total = np.maximum(variance[1:], 0) + spreads[:, None] ** 2
-    log_likelihood = -(np.log(total) + square[1:] / total).sum(1) / 2
-    return float(softmax(np.log(prior) + log_likelihood) @ spreads)
+    misfit = (square[1:] / total).sum(1)
+    likelihood = -(np.log(total).sum(1) + misfit) / 2
+    if likelihood.max() < likelihood[0] + SURE:
+        return settings.shared_focal_sd
+    wide = np.flatnonzero(misfit <= count - 3)
+    return float(spreads[wide[0]]) if len(wide) else np.inf
