@@ -121,7 +121,10 @@ def confirm(
 ) -> Calibration:
     """Recompute the evidence of every camera and remove cameras with too little evidence.
 
-    At least two cameras always remain.
+    A camera without any box among the people of the last adjustment stayed where it was while the
+    others moved. It is removed unless its people are likelier those of the others than by chance;
+    other cameras may fall short of that where detectors miss many people. At least two cameras
+    always remain.
 
     Args:
         calibration: a rig.
@@ -132,8 +135,12 @@ def confirm(
         The rig; rejected cameras are not registered and hold NaN.
     """
     work, state = _resume(calibration, detections, settings)
+    alone = calibration.sightings == 0
     while True:
         verdicts, worst = judge_cameras(work, state)
+        strangers = [c for c, v in verdicts.items() if alone[c] and v.evidence <= 0]
+        if worst is None and len(verdicts) > 2:
+            worst = min(strangers, key=lambda c: verdicts[c].margin, default=None)
         if worst is None:
             return _with_cameras(calibration, state, verdicts)
         state = state.without_camera(worst)

@@ -88,6 +88,12 @@ def test_a_right_rig_is_confirmed_with_evidence(world, calibration) -> None:
     np.testing.assert_allclose(checked.scene.rig.centers, calibration.scene.rig.centers, atol=1e-6)
 
 
+def test_a_right_camera_that_shares_nobody_with_two_others_is_confirmed(world, calibration) -> None:
+    sightings = np.where(np.arange(6) == CAMERA, 0, calibration.sightings)
+    checked = confirm(replace(calibration, sightings=sightings), world.detections, RULES)
+    assert checked.scene.rig.registered.all()
+
+
 def test_without_a_camera_the_others_stay(calibration) -> None:
     rest = without_camera(calibration, CAMERA)
     kept = np.arange(6) != CAMERA

@@ -8,6 +8,7 @@ from hypothesis import given, strategies as st
 
 from catfree.calibration import calibrate, remove_offsets
 from catfree.errors import InvalidInputError
+from catfree.evaluation import align_centres
 from catfree.synthetic import make_world
 from catfree.types import Detections
 
@@ -50,3 +51,19 @@ def test_the_offset_is_found_of_a_camera_that_was_placed_elsewhere_or_nowhere(la
     found = calibrate(replace(boxes, frame=frame), size, maximum_offset=8)
     assert found.scene.rig.registered.all()
     assert found.frame_offset.tolist() == [0, late, 0, 0]
+
+
+@pytest.mark.slow
+def test_a_late_camera_without_an_offset_does_not_stay_where_it_matches_others_by_chance():
+    # Its place among the first cameras is wrong; they are right once none of them relies on it.
+    world = make_world("ring4", 3, frames=60, people=7)
+    boxes = world.detections
+    frame = np.where(boxes.camera == 2, boxes.frame + 6, boxes.frame)
+    late = Detections(frame, boxes.camera, boxes.box)
+    rig = calibrate(late, world.scene.rig.image_size, maximum_offset=8).scene.rig
+    assert rig.registered.sum() >= 3
+    alignment = align_centres(
+        np.asarray(rig.centers), world.true_centres, registered=rig.registered
+    )
+    error = np.linalg.norm(np.asarray(alignment(rig.centers)) - world.true_centres, axis=1)
+    assert np.nanmax(error) < 0.5
