@@ -41,11 +41,12 @@ def test_a_worker_has_its_environment_before_it_imports_a_library():
 
 
 INTERRUPTED = """
-import os, time
+import os, signal, time
 import numpy  # which takes time
 from catfree._worker import spawned_pool
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background of a shell
     try:
         with spawned_pool(2) as pool:
             tasks = [pool.submit(os.getpid) for _ in range(2)]
