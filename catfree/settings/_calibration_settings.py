@@ -167,7 +167,7 @@ class CalibrationSettings(CheckedSettings):
         300, "numerical", "cameras that stand still need people in many places, not all frames"
     )
     voting_frames: int = constant(
-        36, "numerical", "two people in each are enough for votes that stand out"
+        36, "numerical", "the votes of all their people are added up; more frames take longer"
     )
     scoring_frames: int = constant(
         72, "numerical", "twice as many, for the few placements that are left"
@@ -188,7 +188,9 @@ class CalibrationSettings(CheckedSettings):
     minimum_frames: int = constant(20, "decision", "fewer frames cannot be told from chance")
     minimum_matches: int = constant(15, "decision", "twice as many as a camera has parameters")
     minimum_association: float = constant(
-        0.45, "decision", "more than a wrong placement in a crowd reaches by chance"
+        0.45,
+        "decision",
+        "nearly half: detectors miss people, and the maps of single views are rough",
     )
     minimum_margin: float = constant(
         25.0, "decision", "fitting seven parameters to chance alone gains about ten"

@@ -51,9 +51,8 @@ CALIBRATION_HEAD = """\
 
 All data use the same values; none was chosen for a scene. *Physical*: a size or height of people,
 a property of boxes, cameras or lenses. *Start*: a value from which an estimate starts.
-*Decision*: how much evidence is required. *Numerical*: affects run time and the last digits, not
-which cameras are found. Lengths are in meters, angles in radians, pixels those of the original
-images.
+*Decision*: how much evidence is required. *Numerical*: how thorough the search is, at the cost of
+run time. Lengths are in meters, angles in radians, pixels those of the original images.
 
 All are fields of `cf.settings.CalibrationSettings`. The modules have further constants, which are
 [listed below](#constants-of-the-modules): sizes of blocks, limits of iterations and searches, and

@@ -121,9 +121,9 @@ def confirm(
 ) -> Calibration:
     """Recompute the evidence of every camera and remove cameras with too little evidence.
 
-    A camera without any box among the people of the last adjustment stayed where it was while the
-    others moved. It is removed unless its people are likelier those of the others than by chance;
-    other cameras may fall short of that where detectors miss many people. At least two cameras
+    A camera without a box in the last adjustment stayed where it was while the others moved, so
+    its evidence must be positive: the same people are likelier than other people at the same
+    places. Adjusted cameras may have less where detectors miss many people. At least two cameras
     always remain.
 
     Args:
@@ -135,12 +135,12 @@ def confirm(
         The rig; rejected cameras are not registered and hold NaN.
     """
     work, state = _resume(calibration, detections, settings)
-    alone = calibration.sightings == 0
+    stayed = calibration.sightings == 0
     while True:
         verdicts, worst = judge_cameras(work, state)
-        strangers = [c for c, v in verdicts.items() if alone[c] and v.evidence <= 0]
         if worst is None and len(verdicts) > 2:
-            worst = min(strangers, key=lambda c: verdicts[c].margin, default=None)
+            chance = [c for c, verdict in verdicts.items() if stayed[c] and verdict.evidence <= 0]
+            worst = min(chance, key=lambda c: verdicts[c].margin, default=None)
         if worst is None:
             return _with_cameras(calibration, state, verdicts)
         state = state.without_camera(worst)
