@@ -116,6 +116,30 @@ def test_voting_finds_a_planted_motion(angle, x, y, seed):
     assert np.linalg.norm(middle - target.xy[target.valid].mean(0)) < 2 * SETTINGS.voting_cell
 
 
+@pytest.mark.slow
+@given(floats(0, 6.28), floats(-8, 8), floats(-8, 8), st.integers(0, 20))
+def test_people_who_stand_still_do_not_outvote_those_who_walk(angle, x, y, seed):
+    people, waiting = walkers(seed), 6
+    here = np.arange(len(people.xy)) < len(people.xy) // 2
+
+    def with_waiting(xy, place):
+        """People, and others who wait half of the time outside the other camera's view."""
+        wait = np.broadcast_to(place, (len(xy), waiting, 2))
+        covariance = np.repeat(people.covariance[:, :1], xy.shape[1] + waiting, axis=1)
+        valid = np.hstack([people.valid, np.repeat(here[:, None], waiting, axis=1)])
+        known = np.full(valid.shape, 1.7), np.full(valid.shape, 0.05)
+        return GroundMap(np.hstack([xy, wait]), covariance, *known, valid)
+
+    one, other = np.random.default_rng(seed).uniform(-6, 6, (2, waiting, 2))
+    source = turn(people.xy - np.array([x, y]), -angle)
+    found = vote(with_waiting(people.xy, one), with_waiting(source, other), SETTINGS, 3)
+    errors = [
+        np.linalg.norm(turn(source, best.angle) + best.translation - people.xy, axis=-1).mean()
+        for _, best in found
+    ]
+    assert min(errors) < 2 * SETTINGS.voting_cell
+
+
 @given(floats(0, 6.28), floats(-8, 8), floats(-8, 8), st.integers(0, 100))
 def test_rigid_alignment_is_exact_without_noise(angle, x, y, seed):
     rng = np.random.default_rng(seed)

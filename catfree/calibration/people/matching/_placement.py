@@ -2,13 +2,14 @@
 
 Two metric ground maps differ by a heading and a translation. Every pair of boxes of one instant
 votes for all placements that would make it one person. The true placement collects one vote per
-person seen by both cameras; chance votes are spread thinly.
+person seen by both cameras; chance votes are spread thinly. Two people who stand still would vote
+for the same placements at every instant: while both stay, their votes count as one.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from catfree.calibration.people.cameras._camera_model import PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import GroundMap
@@ -18,6 +19,7 @@ NEAR_BINS = 2.5  # of the vote; nearer placements are one
 LEAST_SCORE = 0.4  # of the best; lower placements are not looked at
 BINS_PER_PLACEMENT = 50  # looked at for each distinct placement
 VOTES_AT_A_TIME = 2**16  # fit a cache
+LONGEST_ABSENCE = 3  # frames after which a pair in the same places has come again
 NEAREST_PEOPLE = 24  # people per frame that vote: those with the most precise positions
 
 
@@ -138,8 +140,10 @@ def _count(
     spread = target.covariance[frame, slot].trace(axis1=1, axis2=2)
     spread += source.covariance[frame, other].trace(axis1=1, axis2=2)
     weight = 1 / np.sqrt(np.maximum(spread, cell**2))
-    p = (target.xy[frame, slot].astype(np.float32) + np.float32(radius)) / np.float32(cell)
-    q = source.xy[frame, other].astype(np.float32) / np.float32(cell)
+    p, q = target.xy[frame, slot], source.xy[frame, other]
+    weight /= _length_of_stay(frame, np.floor(np.hstack([p, q]) / (cell / 2)))
+    p = (p.astype(np.float32) + np.float32(radius)) / np.float32(cell)
+    q = q.astype(np.float32) / np.float32(cell)
     by_x, by_y = (np.vstack([p[:, axis], q.T]) for axis in (0, 1))
     side = int(2 * radius / cell)
     # A blurred bin sums itself and the next one: the first heading comes again after the last.
@@ -163,6 +167,23 @@ def _count(
         blurred[:, :-1] += blurred[:, 1:]
         blurred[:, :, :-1] += blurred[:, :, 1:]
     return votes[1:]
+
+
+def _length_of_stay(
+    frame: Int[np.ndarray, " n"], cells: Float[np.ndarray, "n 4"]
+) -> Int[np.ndarray, " n"]:
+    """Count the votes of the stay that each pair is part of: while both are in the same cells.
+
+    Args:
+        frame: (n,) of the pair.
+        cells: (n, 4) where the two are, in whole numbers.
+    """
+    place = cells.astype(np.int16).view(np.int64).ravel()
+    order = np.lexsort((frame, place))
+    moved, later = np.diff(place[order]) != 0, np.diff(frame[order])
+    stay = np.zeros(len(order), np.int64)
+    stay[order[1:]] = np.cumsum(moved | (later > LONGEST_ABSENCE))
+    return np.bincount(stay)[stay]
 
 
 def align_rigidly(
