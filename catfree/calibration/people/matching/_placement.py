@@ -2,8 +2,8 @@
 
 Two metric ground maps differ by a heading and a translation. Every pair of boxes of one instant
 votes for all placements that would make it one person. The true placement collects one vote per
-person seen by both cameras; chance votes are spread thinly. Two people who stand still would vote
-for the same placements at every instant: while both stay, their votes count as one.
+person seen by both cameras; chance votes are spread thinly. Two people who stand still vote for the
+same placements at every instant: the longer both stay, the less each of these votes weighs.
 """
 
 from dataclasses import dataclass, replace
@@ -141,7 +141,8 @@ def _count(
     spread += source.covariance[frame, other].trace(axis1=1, axis2=2)
     weight = 1 / np.sqrt(np.maximum(spread, cell**2))
     p, q = target.xy[frame, slot], source.xy[frame, other]
-    weight /= _length_of_stay(frame, np.floor(np.hstack([p, q]) / (cell / 2)))
+    # The votes of a stay deviate together; weighed like this, as much as independent ones.
+    weight /= np.sqrt(_length_of_stay(frame, np.floor(np.hstack([p, q]) / cell)))
     p = (p.astype(np.float32) + np.float32(radius)) / np.float32(cell)
     q = q.astype(np.float32) / np.float32(cell)
     by_x, by_y = (np.vstack([p[:, axis], q.T]) for axis in (0, 1))
