@@ -191,11 +191,7 @@ def _whole(
                 "offsets belong to videos; correct boxes with cf.calibration.remove_offsets."
             )
         return _boxes_as_one(recording, frame_rate)
-    if not isinstance(recording, Sequence):
-        raise InvalidInputError(
-            "recording must be a list of videos, Detections or a path, got "
-            f"{type(recording).__name__}."
-        )
+    require_recording(recording, "recording")
     videos = open_recording(recording, frame_rate, offsets)
     require_distinct_videos(videos)
     clock = videos.clock
@@ -210,6 +206,15 @@ def _whole(
     source = _hash_of_recording(paths)
     given = None if offsets is None else videos.offsets
     return Shard(0, 1, first, stop, first, stop, clock, source, videos=paths, offsets=given)
+
+
+def require_recording(recording: Any, name: str) -> None:
+    """Refuse a recording that is neither videos nor boxes."""
+    if not isinstance(recording, Detections | os.PathLike | Sequence):
+        raise InvalidInputError(
+            f"{name} must be a list of videos, Detections or a path, got "
+            f"{type(recording).__name__}."
+        )
 
 
 def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -> Shard:

@@ -23,6 +23,7 @@ from catfree._run.sharded._shard import (
     open_shard_videos,
     recording_name,
     require_folder_name,
+    require_recording,
     shards,
     silent_pictures,
 )
@@ -146,6 +147,8 @@ def run_sites(
             )
         require_folder_name(name[0], "name")
         require_folder_name(name[1], "date")
+    for site in sites:
+        require_recording(site.recording, f"The recording of site {quoted(site.name)}")
     if not sites:
         raise InvalidInputError("There are no sites to run.")
     for field, kind in (("scene", "scenes"), ("anchors", "lists of anchors"), ("unit", "units")):

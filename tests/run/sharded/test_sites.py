@@ -548,6 +548,15 @@ def test_other_stretches_are_tried_until_one_suffices(folder, tmp_path, world, m
     assert len(tried) == 2
 
 
+@pytest.mark.parametrize("recording", [None, 7])
+def test_a_recording_that_is_neither_videos_nor_boxes_is_refused(tmp_path, recording):
+    site = cf.Site("a", "boxes.npz")
+    object.__setattr__(site, "recording", recording)
+    with pytest.raises(InvalidInputError, match="recording of site 'a' must be a list of videos"):
+        run_sites([site], out=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_site_has_one_scene(tmp_path):
     sites = [cf.Site("north", "a.npz", date, f"{date}.json") for date in ("monday", "tuesday")]
     with pytest.raises(InvalidInputError, match="Site 'north' has two scenes"):
