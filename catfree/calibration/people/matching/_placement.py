@@ -19,7 +19,7 @@ NEAR_BINS = 2.5  # of the vote; nearer placements are one
 LEAST_SCORE = 0.4  # of the best; lower placements are not looked at
 BINS_PER_PLACEMENT = 50  # looked at for each distinct placement
 VOTES_AT_A_TIME = 2**16  # fit a cache
-LONGEST_ABSENCE = 3  # frames after which a pair in the same places has come again
+LONGEST_ABSENCE = 3  # voting frames; after more, a pair in the same places has come again
 NEAREST_PEOPLE = 24  # people per frame that vote: those with the most precise positions
 
 
@@ -141,7 +141,7 @@ def _count(
     spread += source.covariance[frame, other].trace(axis1=1, axis2=2)
     weight = 1 / np.sqrt(np.maximum(spread, cell**2))
     p, q = target.xy[frame, slot], source.xy[frame, other]
-    # The votes of a stay deviate together; weighed like this, as much as independent ones.
+    # The votes of a stay come together: weighed like this, they deviate as independent ones do.
     weight /= np.sqrt(_length_of_stay(frame, np.floor(np.hstack([p, q]) / cell)))
     p = (p.astype(np.float32) + np.float32(radius)) / np.float32(cell)
     q = q.astype(np.float32) / np.float32(cell)
@@ -173,7 +173,7 @@ def _count(
 def _length_of_stay(
     frame: Int[np.ndarray, " n"], cells: Float[np.ndarray, "n 4"]
 ) -> Int[np.ndarray, " n"]:
-    """Count the votes of the stay that each pair is part of: while both are in the same cells.
+    """Count the votes of each pair's stay, the time for which both are in the same cells.
 
     Args:
         frame: (n,) of the pair.
