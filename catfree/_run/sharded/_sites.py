@@ -135,8 +135,8 @@ def run_sites(
     Raises:
         ShardError: after everything else has finished, naming each site that failed and why; its
             attribute `finished` holds the other tables.
-        InvalidInputError: if two recordings have the same name and date, or one site has two
-            scenes, units or lists of anchors, or as `run_shards`.
+        InvalidInputError: if a recording is neither videos nor boxes, two have the same name and
+            date, or one site has two scenes, units or lists of anchors, or as `run_shards`.
     """
     sites = as_instances(sites, Site, "sites")
     names = [(site.name, site.date) for site in sites]

@@ -17,7 +17,14 @@ from catfree.calibration.people.cameras._camera_model import (
     to_matrices,
 )
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
-from catfree.calibration.people.matching._placement import Placement, align_rigidly, turn, vote
+from catfree.calibration.people.matching._placement import (
+    LONGEST_ABSENCE,
+    Placement,
+    _length_of_stay,
+    align_rigidly,
+    turn,
+    vote,
+)
 from catfree.geometry._person import height_at
 from catfree.settings import CalibrationSettings
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
@@ -114,6 +121,24 @@ def test_voting_finds_a_planted_motion(angle, x, y, seed):
     assert max(headings) > np.cos(3 * SETTINGS.voting_angle)
     middle = turn(source.xy[source.valid].mean(0), float(best.angle)) + best.translation
     assert np.linalg.norm(middle - target.xy[target.valid].mean(0)) < 2 * SETTINGS.voting_cell
+
+
+visits = st.lists(st.tuples(st.integers(0, 12), st.integers(-2, 1), st.integers(-1, 0)))
+
+
+@given(visits)
+def test_a_stay_ends_when_its_places_are_empty_for_longer_than_an_absence(visits):
+    frame = np.array([at for at, *_ in visits], np.int64)
+    cells = np.array([[one, 0, other, -1] for _, one, other in visits], float).reshape(-1, 4)
+    expected = []
+    for first, place in zip(frame, cells, strict=True):
+        here = set(frame[(cells == place).all(1)].tolist())
+        stay, reached = set(), {int(first)}
+        while reached - stay:
+            stay |= reached
+            reached = {t for t in here if min(abs(t - s) for s in stay) <= LONGEST_ABSENCE}
+        expected.append(np.isin(frame[(cells == place).all(1)], list(stay)).sum())
+    np.testing.assert_array_equal(_length_of_stay(frame, cells), expected)
 
 
 @pytest.mark.slow
