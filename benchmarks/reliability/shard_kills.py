@@ -31,11 +31,9 @@ def kill_shards(tally: Tally, folder: Path, seed: int, kills: int) -> None:
         kills: how often.
     """
     rng = np.random.default_rng([seed, 8])
-    begin = time.perf_counter()
     _start(folder, folder / "whole").wait()  # compiles
-    if kills > KILLS_PER_RUN:
-        begin = time.perf_counter()
-        _start(folder, folder / "again").wait()
+    begin = time.perf_counter()
+    _start(folder, folder / "again").wait()
     span = time.perf_counter() - begin
     whole = _table(folder / "whole")
     for number in range(kills):
