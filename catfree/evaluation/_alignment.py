@@ -26,8 +26,8 @@ def align_centres(
 ) -> Similarity:
     """Fit the similarity from estimated to annotated camera centers.
 
-    It removes the gauge freedom of a reconstruction (position, orientation, scale) without using
-    any person. It is computed in JAX's default float width.
+    The alignment removes the gauge freedom of a reconstruction (position, orientation, scale)
+    without using any person. It is computed in JAX's default float width.
 
     Args:
         estimated_centres: (C, 3) in scene units.
@@ -123,7 +123,7 @@ def leave_one_camera_out(
     registered: ArrayInput | None = None,
     fixed_scale: bool = False,
 ) -> LeaveOneOut:
-    """Refit the alignment without each camera and score again, to see how the score depends on it.
+    """Refit the alignment without each camera in turn, and score again.
 
     Args:
         estimated_centres: (C, 3) in scene units.
@@ -177,7 +177,7 @@ class PositionAlignment:
     Attributes:
         similarity: 2-D transform from predicted to true x, y.
         rows: (P, 4) the transformed predictions.
-        matched: number of pairs it was fitted to.
+        matched: number of pairs in the fit.
         rms_before: root mean square distance of those pairs in meters.
         rms_after: the same after the transform.
     """

@@ -84,7 +84,7 @@ def detection_metrics_in_area(
     """Compute detection metrics of the people annotated in an area.
 
     Benchmarks annotate only a rectangle, and people walk outside it. Counting predictions there as
-    false positives penalizes correct ones; ignoring them hides wrong ones. Report which was done.
+    false positives penalizes correct ones; ignoring them hides wrong ones. Report which you did.
 
     Args:
         ground_truth: (G, 4) rows [frame, id, x, y], meters; rows outside the area are dropped.

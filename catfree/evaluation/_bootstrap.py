@@ -39,7 +39,7 @@ class DetectionIntervals:
         recall: of recall.
         level: share of resamples inside each interval.
         samples: number of resamples.
-        block_length: successive frames drawn together.
+        block_length: number of successive frames drawn together.
     """
 
     moda: Interval
@@ -65,7 +65,7 @@ def bootstrap(
     level: Number = 0.95,
     block_length: int = 1,
 ) -> DetectionIntervals:
-    """Estimate how much the metrics would vary if other frames of the scene had been annotated.
+    """Estimate how much the metrics would vary with other annotated frames of the scene.
 
     Each resample draws as many frames as there are, with replacement. Neighboring frames show the
     same people, so their errors are correlated and drawing single frames gives intervals that are
@@ -74,9 +74,9 @@ def bootstrap(
     Args:
         metrics: the counts of every frame, from `detection_metrics`.
         samples: number of resamples.
-        seed: of the random generator, or the generator itself.
+        seed: seed of the random generator, or the generator itself.
         level: share of resamples inside the interval; equal shares lie below and above.
-        block_length: successive frames drawn together; 1 treats frames as independent.
+        block_length: number of successive frames drawn together; 1 treats frames as independent.
 
     Returns:
         Percentile intervals. Resamples in which a rate is undefined are left out of its interval.

@@ -140,11 +140,11 @@ def detection_metrics(
     *,
     compat: str | None = None,
 ) -> DetectionMetrics:
-    """Compare predicted with true ground positions in each frame, regardless of identity.
+    """Compare predicted with true ground positions frame by frame, regardless of identity.
 
     In each frame, pairs at most `threshold` apart are matched one to one: as many pairs as
     possible, then the smallest total distance. Nothing is cropped; a prediction outside the
-    annotated area is a false positive unless removed before, for instance with `crop`.
+    annotated area is a false positive unless you remove it first, for instance with `crop`.
 
     Args:
         ground_truth: (G, 4) rows [frame, id, x, y], x and y in meters on the ground; the id is
@@ -155,9 +155,9 @@ def detection_metrics(
         threshold: largest distance of a match in meters.
         compat: None for the definition above. "mvdet_frames" evaluates only frames with
             predictions, so ground truth elsewhere is never missed. "mvdet_python" reproduces the
-            Python evaluator of MVDet: it also drops the frames after the last one that has both,
-            loses pairs at exactly the threshold even after assigning them, and reports negative
-            MODA as 0.
+            Python evaluator of MVDet: it also drops the frames after the last one that has both
+            predictions and ground truth, loses pairs at exactly the threshold even after assigning
+            them, and reports negative MODA as 0.
 
     Returns:
         The metrics, in percent.

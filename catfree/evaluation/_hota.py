@@ -12,7 +12,7 @@ from catfree.evaluation._rows import Frames, Number, Sequence, read_sequence
 from catfree.geometry._arrays import ArrayInput
 from catfree.types._validation import as_positive
 
-# The expression of the reference evaluator: similarities on a grid fall exactly on these values,
+# Same expression as the reference evaluator: similarities on a grid fall exactly on these values,
 # and any other expression differs in the last bit.
 ALPHAS = np.arange(0.05, 0.99, 0.05)
 _EPSILON = np.finfo(np.float64).eps

@@ -1,4 +1,4 @@
-"""Metrics of several sequences as one."""
+"""Pooling of the metrics of several sequences."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
@@ -18,17 +18,17 @@ def pool(
     alike: dict[str, str],
     name: str,
 ) -> T:
-    """Join the counts of metrics that were computed alike.
+    """Join the counts of metrics that were computed with the same options.
 
     Args:
         parts: metrics of the sequences.
         kind: their class, a dataclass.
-        join: makes one value of those that a field has in all parts.
-        alike: the fields that must be equal, and the argument that sets each.
+        join: combines the values of one field from all parts.
+        alike: the fields that must be equal in all parts, and the argument that sets each of them.
         name: of the metrics in error messages.
 
     Raises:
-        InvalidInputError: if there are no parts, or they were not computed alike.
+        InvalidInputError: if there are no parts, or their options differ.
     """
     listed = as_instances(parts, kind, "parts")
     if not listed or len({tuple(getattr(part, one) for one in alike) for part in listed}) > 1:

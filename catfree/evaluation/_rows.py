@@ -108,7 +108,7 @@ def read_sequence(
         ground_truth: (G, 4) rows [frame, id, x, y], meters.
         predictions: (P, 4) rows of the same form, in the same coordinates.
         frames: the frames to evaluate. A listed frame without rows contributes nothing; in a frame
-            where only one of the two arrays has rows, all of them are errors. Rows of other frames
+            where only one of the two arrays has rows, every row is an error. Rows of other frames
             are ignored. None evaluates every frame that either array mentions.
         identified: whether identities matter (see `as_rows`).
 

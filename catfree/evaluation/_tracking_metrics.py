@@ -253,7 +253,7 @@ def _match_frames(
 def _fragmentations(
     frame: Float[np.ndarray, " g"], person: Int[np.ndarray, " g"], matched: Bool[np.ndarray, " g"]
 ) -> int:
-    """Count how often a matched person is lost and matched again."""
+    """Count how often a matched person is lost and then matched again."""
     order = np.lexsort((frame, person))
     # Two successive matches of one person are interrupted unless they are neighbors in the list of
     # that person's rows.

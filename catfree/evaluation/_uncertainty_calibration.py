@@ -18,7 +18,7 @@ from catfree.types._validation import (
     refuse,
 )
 
-ASYMMETRY = 1e-5  # of a covariance that was rotated in single precision, in its deviations
+ASYMMETRY = 1e-5  # of a covariance rotated in single precision, relative to its standard deviations
 
 
 def matched_predictions(
@@ -181,7 +181,7 @@ def calibration_curve(
 
     Args:
         probability: (N,) claimed probabilities in [0, 1].
-        correct: (N,) whether each came true.
+        correct: (N,) whether each prediction was correct.
         bins: number of bins of equal width; a value on a border belongs to the upper bin.
 
     Returns:

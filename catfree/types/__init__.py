@@ -1,6 +1,6 @@
 """Frozen struct-of-arrays types that the stages exchange."""
 
-from catfree.types import _processes as _processes  # notices forks from its import on
+from catfree.types import _processes as _processes  # detects forks made after this import
 from catfree.types._clock import Clock as Clock
 from catfree.types._detections import Detections as Detections
 from catfree.types._georeference import GeoReference as GeoReference

@@ -12,14 +12,14 @@ Progress = Callable[[str, int, int], None]  # called as `progress(stage, done, t
 
 
 def no_progress(stage: str, done: int, total: int) -> None:
-    """Ignore a report; the default if the caller passes no `progress`."""
+    """Ignore a report: the default `progress`."""
 
 
 def as_progress(progress: Progress | None) -> Progress:
-    """Return what the caller passes as `progress`; a function that ignores reports for none.
+    """Return the caller's `progress`, or a function that ignores reports if it is None.
 
     Raises:
-        InvalidInputError: if it cannot be called, as True.
+        InvalidInputError: if it is not callable.
     """
     if progress and not callable(progress):
         raise InvalidInputError(

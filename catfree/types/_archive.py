@@ -101,7 +101,7 @@ def load_arrays(
 
 
 def load_record(path: str | os.PathLike[str], kind: type[Any]) -> dict[str, np.ndarray]:
-    """Read the arguments of a record's constructor, of which the optional ones may be missing.
+    """Read the arguments of a record's constructor; optional ones may be missing.
 
     Args:
         path: the file to read.
@@ -117,7 +117,7 @@ def load_record(path: str | os.PathLike[str], kind: type[Any]) -> dict[str, np.n
 
 @functools.cache
 def arguments_of(kind: type[Any]) -> tuple[list[str], list[str]]:
-    """Arguments of a constructor without and with a default, which earlier files may lack."""
+    """List the required and the optional constructor arguments; old files may lack the latter."""
     parameters = list(inspect.signature(kind.__init__).parameters.values())[1:]  # without self
     required = [p.name for p in parameters if p.default is p.empty]
     return required, [p.name for p in parameters if p.name not in required]
@@ -164,7 +164,7 @@ def read_archive(
 
 @contextmanager
 def naming_file(source: str | os.PathLike[str]) -> Iterator[None]:
-    """Prefix the errors of a type's constructor or of a check with the file's name."""
+    """Prefix errors raised in the block with the file's name."""
     try:
         yield
     except (FileFormatError, InvalidInputError) as error:

@@ -12,9 +12,9 @@ from catfree.errors import InvalidInputError, quoted
 from catfree.types._validation import as_float, as_integer, as_number, as_positive, require_finite
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-# Seconds: 2001 counted from 1970. No recording lasts as long, so larger times are absolute.
+# Seconds from 1970 to 2001. No recording is that long, so larger times are absolute.
 ABSOLUTE = 1e9
-# Beyond it, frame numbers are not exact floats.
+# Larger frame numbers are not exact as floats.
 _LARGEST = 2.0**53
 
 
@@ -23,7 +23,7 @@ class Clock:
     """The time of each frame number: `start + frame / frame_rate` seconds.
 
     Attributes:
-        frame_rate: frames, that is steps of the frame number, per second.
+        frame_rate: steps of the frame number per second.
         start: seconds of frame 0.
         utc: whether seconds count from 1970-01-01T00:00:00 UTC; otherwise from the start of the
             recording.
@@ -39,7 +39,7 @@ class Clock:
         Args:
             frame_rate: as the attribute, like all others.
             start: of frame 0.
-            utc: what the seconds count from.
+            utc: whether seconds count from 1970.
 
         Raises:
             InvalidInputError: if a value is not a finite number, or the rate is not positive.
@@ -61,8 +61,8 @@ class Clock:
             seconds: times of any shape, on this clock.
 
         Raises:
-            InvalidInputError: if a time is not finite, or so far away that frames are not counted
-                exactly.
+            InvalidInputError: if a time is not finite, or so far away that frame numbers are not
+                exact.
         """
         time = np.asarray(as_float(seconds), np.float64)
         require_finite(time, "seconds")
@@ -76,7 +76,7 @@ class Clock:
         return np.asarray(frame, np.int64)
 
     def describe(self) -> str:
-        """Name the time of second 0 of a recording: an ISO date, or its start."""
+        """Describe what second 0 means: an ISO date, or the start of the recording."""
         if not self.utc:
             return "start of recording"
         try:
@@ -86,17 +86,17 @@ class Clock:
 
 
 def clock_to_array(clock: Clock | None) -> Float[np.ndarray, "3"] | None:
-    """Return rate, start and whether it is UTC, for archives of arrays."""
+    """Return the rate, the start and the UTC flag as an array, for archives."""
     if clock is None:
         return None
     return np.array([clock.frame_rate, clock.start, clock.utc], np.float64)
 
 
 def clock_from_array(values: Any) -> Clock | None:
-    """Make the clock that `clock_to_array` converted.
+    """Invert `clock_to_array`.
 
     Raises:
-        InvalidInputError: if these are not the three numbers of a clock.
+        InvalidInputError: if these are not the three numbers of a valid clock.
     """
     if values is None:
         return None
@@ -112,7 +112,7 @@ def clock_to_text(clock: Clock | None) -> str:
 
 
 def clock_from_text(text: str | bytes) -> Clock | None:
-    """Make the clock that `clock_to_text` converted.
+    """Invert `clock_to_text`.
 
     Raises:
         InvalidInputError: if the text is damaged, or a value is out of range.
@@ -129,7 +129,7 @@ def require_clock(clock: Any) -> Clock | None:
     """Return a clock or None; raise for anything else.
 
     Raises:
-        InvalidInputError: naming the type of what was given.
+        InvalidInputError: naming the type of the argument.
     """
     if not (clock is None or isinstance(clock, Clock)):
         raise InvalidInputError(

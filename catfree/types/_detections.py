@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import pandas
 
 MOST_CAMERAS = 10_000  # larger indices are serial numbers; memory grows with the largest
-WIDEST_SPAN = 2**53  # frames; larger differences are not exact floats (104 days in nanoseconds)
+WIDEST_SPAN = 2**53  # frames; larger differences are not exact as floats (104 days in nanoseconds)
 
 
 class Detections(eqx.Module):
@@ -47,7 +47,7 @@ class Detections(eqx.Module):
             estimator ran.
         embedding: (N, D) appearance vector, L2-normalized by its embedder, or None.
         keypoints: (N, 17, 3) COCO keypoints as x, y in pixels and confidence, or None.
-        clock: gives the time of each frame, or None if unknown.
+        clock: maps frame numbers to times, or None if unknown.
     """
 
     frame: Int[np.ndarray, " n"]
@@ -73,9 +73,9 @@ class Detections(eqx.Module):
         """Validate and store.
 
         Raises:
-            InvalidInputError: naming the first entry that has a wrong shape, a value that is not
-                finite, a box without area, a camera below 0 or above 9,999, or a score outside
-                [0, 1]; or if the frames span 2^53 or more.
+            InvalidInputError: naming the first wrong shape, value that is not finite, box without
+                area, camera below 0 or above 9,999, or score outside [0, 1]; or if the frames span
+                2^53 or more.
         """
         self.frame = as_integer(frame, "frame")
         self.camera = as_integer(camera, "camera")
@@ -139,14 +139,14 @@ class Detections(eqx.Module):
 
     @classmethod
     def concatenate(cls, parts: "Iterable[Detections]") -> "Detections":
-        """Join detections, one after the other, such as those of several cameras.
+        """Concatenate detections, for instance those of several cameras.
 
         Args:
-            parts: at least one. Those without rows only count for the clock.
+            parts: at least one. Parts without rows contribute only their clock.
 
         Raises:
-            InvalidInputError: if there is none, a column is in some parts but not in others,
-                embeddings have different lengths, or the clocks differ.
+            InvalidInputError: if there are no parts, only some parts have a column, embeddings have
+                different lengths, or the clocks differ.
         """
         every = as_instances(parts, cls, "parts")
         if not every:
@@ -189,16 +189,16 @@ class Detections(eqx.Module):
         camera_names: Sequence[str] | None = None,
         clock: Clock | None = None,
     ) -> "Detections":
-        """Take detections from the columns of a table.
+        """Make detections from the columns of a table.
 
         Args:
-            table: of pandas, polars or Arrow, or a dictionary of columns; one row per box.
+            table: a pandas, polars or Arrow table, or a dictionary of columns; one row per box.
             frame: the column of frame numbers.
-            camera: the column of camera indices, or of names if `camera_names` is given; a whole
-                number if all boxes are of that camera.
+            camera: the column of camera indices, or of names if `camera_names` is given; an integer
+                if all boxes belong to that camera.
             box: the four columns of the box, in pixels.
             form: "xyxy" for x1, y1, x2, y2; "xywh" for left, top, width, height.
-            score: the column of confidences; None for none, and "score" may be absent.
+            score: the column of confidences, or None; the default "score" may be absent.
             camera_names: (C,) names of the cameras in their order.
             clock: of the frames.
 
@@ -249,9 +249,9 @@ class Detections(eqx.Module):
         camera_names: Sequence[str] | None = None,
         clock: Clock | None = None,
     ) -> "Detections":
-        """Take boxes from `supervision.Detections`.
+        """Make detections from `supervision.Detections`.
 
-        Select the people first: `boxes[boxes.class_id == 0]` where 0 is the class of people.
+        Select the people first, for instance `boxes[boxes.class_id == 0]` if class 0 is people.
 
         Args:
             boxes: camera index, or name if `camera_names` is given, to the `supervision.Detections`
@@ -261,7 +261,7 @@ class Detections(eqx.Module):
             clock: of the frames.
 
         Raises:
-            InvalidInputError: if cameras or their values are something else, only some have
+            InvalidInputError: if a camera or its value has another type, only some boxes have
                 confidences, or a camera is not among `camera_names`.
         """
         first = as_count(frame, "frame")
@@ -294,7 +294,7 @@ class Detections(eqx.Module):
         return cls.concatenate(parts or [cls(none, none, np.zeros((0, 4)), clock=clock)])
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """Return frame, camera, x1, y1, x2, y2 and, where present, score as a table of pandas.
+        """Return frame, camera, x1, y1, x2, y2 and, if present, score as a pandas table.
 
         Raises:
             MissingDependencyError: if pandas is not installed.
@@ -336,7 +336,7 @@ def is_confident(detections: Detections, least: float) -> Bool[np.ndarray, " n"]
 
 
 def concatenate_common(parts: Sequence[Detections]) -> Detections:
-    """Join detections, keeping the columns that all detections with rows have.
+    """Concatenate detections, keeping only the columns that all parts with rows have.
 
     Raises:
         InvalidInputError: if embeddings have different lengths.
@@ -359,7 +359,7 @@ def require_pandas() -> Any:
 
 
 def _column_names(table: Any) -> list[str]:
-    """List the columns of a table of pandas, polars or Arrow, or of a dictionary."""
+    """List the columns of a pandas, polars or Arrow table, or of a dictionary."""
     if isinstance(table, Mapping):
         return list(table)
     if callable(getattr(table, "collect", None)):
@@ -373,7 +373,7 @@ def _column_names(table: Any) -> list[str]:
 
 
 def _camera_indices(cameras: np.ndarray, names: Sequence[str] | None) -> np.ndarray:
-    """Return the index of each camera, which is given by its index, or by its name."""
+    """Return the index of each camera, given by index or by name."""
     if names is None:
         if len(cameras) and cameras.dtype.kind in "OUST":
             raise InvalidInputError(

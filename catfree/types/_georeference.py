@@ -39,7 +39,7 @@ class GeoReference:
         """Validate.
 
         Raises:
-            InvalidInputError: if a number is not finite, or no place on Earth.
+            InvalidInputError: if a number is not finite, or not a place on Earth.
         """
         for name in ("longitude", "latitude", "heading"):
             as_number(getattr(self, name), f"{name} of a georeference")
@@ -50,15 +50,15 @@ class GeoReference:
 
     @classmethod
     def from_anchors(cls, xy: ArrayLike, longitude_latitude: ArrayLike) -> "GeoReference":
-        """Fit rotation, scale and translation to points that are known on both sides.
+        """Fit rotation, scale and translation to points known both on the ground and on Earth.
 
         Args:
             xy: (A, 2) ground coordinates of at least two points.
             longitude_latitude: (A, 2) degrees of the same points (WGS 84).
 
         Raises:
-            InvalidInputError: if there are fewer than two different points, a value is not finite
-                or no place on Earth, or the points are farther than 50 km apart.
+            InvalidInputError: if there are fewer than two distinct points, a value is not finite or
+                not a place on Earth, or points are more than 50 km apart.
         """
         points = as_finite(xy, (None, 2), "xy")
         degrees = _degrees(longitude_latitude)
@@ -81,7 +81,7 @@ class GeoReference:
 
     @classmethod
     def of_array(cls, values: ArrayLike) -> "GeoReference":
-        """Make one of the (6,) numbers of `to_array`.
+        """Invert `to_array`.
 
         Raises:
             InvalidInputError: if they are not six valid numbers.
@@ -118,12 +118,12 @@ class GeoReference:
         """Return the (M, 2) ground coordinates of (M, 2) longitudes and latitudes in degrees.
 
         Raises:
-            InvalidInputError: if a place is not on Earth or farther than 50 km.
+            InvalidInputError: if a place is not on Earth or is more than 50 km away.
         """
         degrees = _degrees(longitude_latitude)
         base, (east, north, up) = _tangent_plane(self.longitude, self.latitude)
         offset = _on_ellipsoid(degrees) - base
-        # The vertical of a place leads to its point of the plane, as in the inverse.
+        # Project along the vertical of each place, as the inverse does.
         vertical = _up(degrees)
         offset -= vertical * ((offset @ up) / (vertical @ up))[:, None]
         east_north = np.stack([offset @ east, offset @ north], -1)
@@ -135,14 +135,14 @@ class GeoReference:
         return east_north @ self._turn / self.meters_per_unit + np.array(self.origin)
 
     def residual(self, xy: ArrayLike, longitude_latitude: ArrayLike) -> Float[np.ndarray, " a"]:
-        """Return the (A,) meters between (A, 2) ground coordinates and where they should be.
+        """Return the (A,) distances in meters between ground points and their places on Earth.
 
         Args:
             xy: (A, 2) ground coordinates.
             longitude_latitude: (A, 2) degrees of the same points.
 
         Raises:
-            InvalidInputError: if their numbers differ, or as `to_xy`.
+            InvalidInputError: if the numbers of points differ, or as `to_xy`.
         """
         points, places = np.asarray(as_float(xy, "xy"), np.float64), self.to_xy(longitude_latitude)
         require_shape(points, places.shape, "xy")
@@ -156,9 +156,9 @@ class GeoReference:
 
 
 def middle_of(degrees: Float[np.ndarray, "n 2"]) -> GeoReference:
-    """Return the reference of ground that touches the Earth amid places, its y axis to north."""
+    """Make a reference whose origin is the middle of some places and whose y axis points north."""
     longitude, latitude = degrees.mean(0).tolist()
-    if np.ptp(degrees[:, 0]) > 180:  # on both sides of longitude 180
+    if np.ptp(degrees[:, 0]) > 180:  # the places straddle longitude 180
         longitude = (float((degrees[:, 0] % 360).mean()) + 180) % 360 - 180
     return GeoReference(longitude, latitude)
 

@@ -1,4 +1,4 @@
-"""This process: its processors, and whether it was forked from one that had used JAX."""
+"""The current process: its processors, and whether it was forked after JAX was used."""
 
 import os
 import sys
@@ -15,13 +15,13 @@ def processor_count() -> int:
 
 
 def require_own_process() -> None:
-    """Raise in a process that was forked from one in which JAX had been used.
+    """Raise if this process was forked from one that had used JAX.
 
-    A fork is noticed if the parent had imported `catfree.types`, as each part of catfree that uses
-    JAX does.
+    A fork is detected if the parent had imported `catfree.types`; every part of catfree that uses
+    JAX imports it.
 
     Raises:
-        ForkedProcessError: instead of waiting forever for threads that `fork` did not copy.
+        ForkedProcessError: instead of a deadlock on threads that `fork` did not copy.
     """
     if _forked_after_jax:
         raise ForkedProcessError(
@@ -32,11 +32,11 @@ def require_own_process() -> None:
 
 
 def _note_fork() -> None:
-    """Remember, in a process that was just forked, whether its parent had used JAX."""
+    """Record in a newly forked process whether its parent had used JAX."""
     global _forked_after_jax
     bridge = sys.modules.get("jax._src.xla_bridge")
     _forked_after_jax = bridge is not None and bridge.backends_are_initialized()
 
 
-if hasattr(os, "register_at_fork"):  # there is no fork on Windows
+if hasattr(os, "register_at_fork"):  # Windows has no fork
     os.register_at_fork(after_in_child=_note_fork)

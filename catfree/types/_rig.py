@@ -1,7 +1,7 @@
-"""Camera intrinsics and extrinsics: `Rig`, validated when it is made.
+"""Camera intrinsics and extrinsics: `Rig`, validated on construction.
 
-It is separate from `Scene` because cameras are known before the ground: calibration, reconstruction
-and calibration files make rigs; a scene is a rig and its ground plane.
+`Rig` is separate from `Scene` because cameras are known before the ground: calibrations,
+reconstructions and calibration files yield rigs; a scene is a rig with its ground plane.
 """
 
 import os
@@ -39,7 +39,7 @@ class Lens(IntEnum):
     Attributes:
         PINHOLE: `K` and OpenCV's distortion of five or eight coefficients.
         FISHEYE: `K` and the four coefficients of `cv2.fisheye` (Kannala-Brandt).
-        RAYS: a grid of rays over the image; `K` only says how large things appear.
+        RAYS: a grid of rays over the image; `K` only sets the image scale.
     """
 
     PINHOLE = 0
@@ -94,7 +94,7 @@ class Rig(eqx.Module):
 
         Raises:
             InvalidInputError: naming the first camera whose parameters have a wrong shape, are not
-                finite, or are not valid intrinsics or a rotation.
+                finite, or are not valid intrinsics or rotations.
         """
         self.K, self.R, self.t = as_float(K, "K"), as_float(R, "R"), as_float(t, "t")
         require_shape(self.K, (None, 3, 3), "K")
@@ -203,15 +203,15 @@ class Rig(eqx.Module):
 
 
 def require_cameras(K: Any, R: Any, registered: Bool[np.ndarray, " cam"]) -> None:
-    """Raise at the first registered camera without valid intrinsics or rotation.
+    """Raise if a registered camera has invalid intrinsics or an invalid rotation.
 
     Args:
         K: (C, 3, 3) intrinsics.
         R: (C, 3, 3) rotations.
-        registered: (C,) which cameras to look at.
+        registered: (C,) which cameras to check.
 
     Raises:
-        InvalidInputError: naming it.
+        InvalidInputError: naming the first such camera.
     """
     K, R = np.asarray(K, np.float64), np.asarray(R, np.float64)
     focal_bad = registered & ~((K[:, 0, 0] > 0) & (K[:, 1, 1] > 0))

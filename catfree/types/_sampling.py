@@ -15,19 +15,19 @@ def select_rows(record: T, count: int, rows: Any) -> T:
     """Select rows of all columns of a dataclass, in the order of `rows`.
 
     Args:
-        record: whose fields are arrays of `count` rows, None, or a `clock`.
+        record: a dataclass whose fields are arrays of `count` rows, None, or a `clock`.
         count: their number.
         rows: a slice, a boolean mask, an index or an integer array.
 
     Raises:
-        IndexError: if there is no row with an index.
+        IndexError: if an index is out of range.
         InvalidInputError: if a mask or an array does not fit.
     """
     try:
         chosen = np.arange(count)[rows].reshape(-1)
     except (IndexError, ValueError) as error:
         if isinstance(rows, int):
-            raise  # Python ends an iteration by it
+            raise  # Python's iteration protocol needs this error
         raise InvalidInputError(
             f"{count} rows are selected by a slice, a mask of as many booleans, or whole numbers "
             f"below {count}: {quoted(error)}."
@@ -45,7 +45,7 @@ def evenly_spread(rows: Shaped[np.ndarray, "n *rest"], most: int) -> Shaped[np.n
     """Take at most `most` rows, evenly spread from the first to the last.
 
     Args:
-        rows: (n, ...) in the order over which to spread.
+        rows: (n, ...) in the order to spread over.
         most: how many to keep, at least 1.
 
     Returns:
@@ -64,7 +64,7 @@ def frame_step(frames: Int[np.ndarray, " frame"]) -> int:
 def rows_of_picture(
     frames: Int[np.ndarray, " n"], cameras: Int[np.ndarray, " n"], frame: int, camera: int
 ) -> Int[np.ndarray, " k"]:
-    """Find the rows of one picture in a table sorted by frame; the other frames cost nothing.
+    """Find the rows of one picture in a table sorted by frame, by bisection.
 
     Args:
         frames: (n,) frame of each row, in order.
@@ -105,10 +105,10 @@ def equal_pairs(
 def mutually_lowest(
     cost: Float[np.ndarray, " pair"], one: Int[np.ndarray, " pair"], other: Int[np.ndarray, " pair"]
 ) -> Bool[np.ndarray, " pair"]:
-    """Mark the pairs with the lowest cost of both of their members; the first of equal ones.
+    """Mark the pairs that have the lowest cost for both members; ties go to the first.
 
     Args:
-        cost: (p,) of the pairs; infinite for pairs that never count.
+        cost: (p,) cost of each pair; infinite for pairs to ignore.
         one: (p,) first member of each pair.
         other: (p,) second member.
     """
@@ -118,7 +118,7 @@ def mutually_lowest(
 def _first_lowest(
     cost: Float[np.ndarray, " pair"], group: Int[np.ndarray, " pair"]
 ) -> Bool[np.ndarray, " pair"]:
-    """Mark the first pair with the lowest finite cost of each group."""
+    """Mark the first pair with the lowest finite cost in each group."""
     lowest = np.full(int(group.max(initial=-1)) + 1, np.inf, cost.dtype)
     np.minimum.at(lowest, group, cost)
     at = np.flatnonzero((cost == lowest[group]) & np.isfinite(cost))

@@ -54,14 +54,15 @@ class Plane(eqx.Module):
             largest = np.abs(normal).max()
             if largest == 0:
                 raise InvalidInputError("A plane needs a non-zero normal.")
-            # The squares of very long or short normals overflow or underflow.
+            # Squares of very large or small components overflow or underflow.
             if not 1e-15 < largest < 1e15:
                 with np.errstate(over="ignore"):
                     normal, offset = normal / largest, np.asarray(offset / largest)
                 require_finite(offset, "The offset of a plane in units of its normal")
             length = np.linalg.norm(np.asarray(normal, np.float64)).astype(normal.dtype)
-            # A unit normal is kept bit for bit. One that is less exact than its numbers can be
-            # would put the plane elsewhere, far from the origin of a map.
+            # A normal of unit length to within rounding is kept bit for bit. Any other is scaled:
+            # even a small error of its length would displace the plane far from the origin of a
+            # map.
             exact = abs(length - 1) <= 4 * np.finfo(normal.dtype).eps
             length = normal.dtype.type(1) if exact else length
         self.normal = normal / length
@@ -100,7 +101,7 @@ class Plane(eqx.Module):
 
 
 class Scene(eqx.Module):
-    """A rig, its ground plane, and the length to which distances are relative.
+    """A rig, its ground plane, and the reference length of the scene.
 
     Attributes:
         rig: the cameras.
@@ -110,7 +111,7 @@ class Scene(eqx.Module):
         metric: whether scene units are meters.
         georeference: where the ground is on Earth, or None.
         rig_sd: standard deviation of the camera centers in scene units, root mean square over the
-            cameras after the best similarity; None if it is not known, as of given cameras.
+            cameras after the best similarity; None if unknown, as for given cameras.
     """
 
     rig: Rig
@@ -132,7 +133,7 @@ class Scene(eqx.Module):
         """Validate and store.
 
         Raises:
-            InvalidInputError: if rig, ground, metric or georeference is something else, the extent
+            InvalidInputError: if rig, ground, metric or georeference has another type, the extent
                 is not positive, `rig_sd` is not a length, or the cameras are below the ground.
         """
         require_instance(rig, Rig, "rig")
@@ -232,7 +233,7 @@ def require_scene(scene: Any) -> None:
     """Raise unless this is a scene.
 
     Raises:
-        InvalidInputError: saying how to make a scene of what was given.
+        InvalidInputError: saying how to make a scene from the argument.
     """
     if isinstance(getattr(scene, "rig", scene), Rig) and not isinstance(scene, Scene):
         raise InvalidInputError(
@@ -243,9 +244,9 @@ def require_scene(scene: Any) -> None:
 
 
 def require_plausible_heights(scene: Scene) -> Scene:
-    """Return the scene unless it claims meters and a camera is too high to show people.
+    """Return the scene; raise if it claims meters but a camera is too high to show people.
 
-    It is for scenes from outside. Within the library scenes may be scaled at will.
+    Use this for scenes from outside; within the library, scenes may be scaled at will.
 
     Raises:
         InvalidInputError: naming the highest camera.

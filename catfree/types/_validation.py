@@ -1,4 +1,4 @@
-"""Checks that all rooms share: each names the first offending entry."""
+"""Checks shared by all packages; each names the first offending entry."""
 
 import dataclasses
 import errno
@@ -20,9 +20,9 @@ from catfree.errors import InvalidInputError, quoted, shortened
 
 T = TypeVar("T")
 
-FEWEST_TWINS = 10  # boxes or pictures of a camera: fewer may be alike by chance
-LARGEST_PIXEL = 1e9  # of a corner; an image has some 1e5, and larger squares overflow
-MOST_OUTSIDE = 0.25  # of the boxes of a camera: those of people who are mostly out of view
+FEWEST_TWINS = 10  # boxes or pictures of a camera; fewer may coincide by chance
+LARGEST_PIXEL = 1e9  # of a corner; images have up to some 1e5, and larger squares overflow
+MOST_OUTSIDE = 0.25  # share of a camera's boxes: people who are mostly out of view
 MOST_BOXES = 5000  # at an instant: the densest benchmark crowd seen by 20 cameras
 MOST_PEOPLE = 1000  # in a picture: benchmarks of dense crowds have up to 250
 
@@ -33,7 +33,7 @@ def is_traced(*values: Any) -> bool:
 
 
 def entry_of(name: str, bad: Any) -> str:
-    """Name the first true entry of a boolean array: `score[3]` or `K[3, 1]`; a number by `name`."""
+    """Name the first true entry of a boolean array, such as `score[3]`; a scalar is just `name`."""
     index = ", ".join(map(str, np.argwhere(bad)[0].tolist()))
     return f"{name}[{index}]" if index else name
 
@@ -42,10 +42,10 @@ def refuse(bad: Any, values: np.ndarray, name: str, fault: str) -> None:
     """Raise if any entry or row is bad, with a message such as `score[3] is 1.5; it must be ...`.
 
     Args:
-        bad: which are.
+        bad: marks the bad entries.
         values: the array.
-        name: of the array.
-        fault: what the message says after the value.
+        name: name of the array.
+        fault: text of the message after the value.
 
     Raises:
         InvalidInputError: naming the first one.
@@ -75,15 +75,15 @@ def require_instance(value: Any, kind: type, name: str) -> None:
 
 
 def as_path(value: Any, name: str) -> Path:
-    """Convert a path of text or of any path type, with the home directory in place of `~`.
+    """Convert text or a path object to a `Path`, expanding `~`.
 
     Raises:
-        InvalidInputError: if it is something else, or no file can have such a path.
+        InvalidInputError: if it is neither, or not a possible path.
     """
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
         raise InvalidInputError(f"{name} must be a path, got {type(value).__name__}.")
-    if not text:  # as of a variable that is not set; pathlib takes it for the current folder
+    if not text:  # e.g. an unset variable; pathlib would take it for the current folder
         raise InvalidInputError(f"{name} is empty. Give a path; that of the current folder is '.'.")
     text = os.path.expanduser(text)
     try:
@@ -101,7 +101,7 @@ def as_path(value: Any, name: str) -> Path:
 
 
 def is_listed(value: Any) -> bool:
-    """Return whether a value has entries, as text and arrays of no axis have not."""
+    """Return whether a value is a collection; text, mappings and 0-d arrays are not."""
     has_entries = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
     return has_entries and getattr(value, "shape", None) != ()
 
@@ -131,10 +131,10 @@ def require_names(
     """Raise unless there is one name per camera, or no names at all.
 
     Args:
-        names: of the cameras, or None.
-        cameras: their number.
-        name: of the argument, for messages.
-        distinct: whether names must be text that tells the cameras apart.
+        names: camera names, or None.
+        cameras: number of cameras.
+        name: name of the argument, for messages.
+        distinct: whether names must be distinct text.
 
     Raises:
         InvalidInputError: naming the argument.
@@ -160,10 +160,10 @@ def require_names(
 
 
 def parse_json(text: str | bytes | bytearray) -> Any:
-    """Parse JSON in which no object states a key twice, of which one value would be lost.
+    """Parse JSON, refusing duplicate keys, of which one value would be lost.
 
     Raises:
-        ValueError: if it is not JSON, or a key is stated twice.
+        ValueError: if it is not JSON, or has a duplicate key.
     """
 
     def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -178,7 +178,7 @@ def parse_json(text: str | bytes | bytearray) -> Any:
 
 
 def is_text(name: str) -> bool:
-    """Return whether a name can be written as UTF-8; paths in another encoding cannot."""
+    """Return whether a name can be encoded as UTF-8; paths in another encoding cannot."""
     try:
         name.encode("utf-8")
     except UnicodeEncodeError:
@@ -187,7 +187,7 @@ def is_text(name: str) -> bool:
 
 
 def _rows_in(value: Any) -> str | None:
-    """Say which part of a result are rows of numbers, if any is."""
+    """Return the expression that yields rows of numbers from a result, if any."""
     for part in ("", "tracks", "localization.tracks"):
         held = value
         for name in filter(None, part.split(".")):
@@ -218,7 +218,7 @@ def _as_array(value: Any) -> np.ndarray:
 
 
 def _require_real(dtype: Any) -> None:
-    """Raise for complex numbers, which would lose their imaginary part, and for dates."""
+    """Raise for dates, and for complex numbers, which would lose their imaginary part."""
     if np.dtype(dtype).kind in "cmM":
         raise InvalidInputError(f"Expected real numbers, got {dtype} values.")
 
@@ -229,11 +229,11 @@ def as_float(value: Any, name: str | None = None) -> Any:
     Other numbers become float64, and JAX arrays of whole numbers become JAX's default float.
 
     Args:
-        value: what was given.
-        name: of the argument, for messages.
+        value: the argument.
+        name: name of the argument, for messages.
 
     Raises:
-        InvalidInputError: if these are no real numbers.
+        InvalidInputError: if these are not real numbers.
     """
     try:
         return _as_float(value)
@@ -242,7 +242,7 @@ def as_float(value: Any, name: str | None = None) -> Any:
 
 
 def _as_float(value: Any) -> Any:
-    if value is None:  # of which NumPy makes NaN
+    if value is None:  # NumPy would make it NaN
         raise InvalidInputError("Expected numbers, got NoneType.")
     if isinstance(value, jax.Array):
         _require_real(value.dtype)
@@ -255,7 +255,7 @@ def _as_float(value: Any) -> Any:
         try:
             texts = array.flat if array.dtype.kind in "SUVO" else ()
             if any(isinstance(one, str | bytes | np.void) for one in texts):
-                raise TypeError("text")  # whose digits NumPy would read, cut to its width
+                raise TypeError("text")  # NumPy would parse its digits, truncated to the item width
             array = array.astype(np.float64)
         except (TypeError, ValueError, OverflowError) as error:
             kind = f"{array.dtype} values" if array.ndim else type(value).__name__
@@ -281,7 +281,7 @@ def as_integer(value: Any, name: str) -> np.ndarray:
 
 
 def as_count(value: Any, name: str, *, least: int | None = None) -> int:
-    """Convert to one whole number, such as a position or a stride, of at least `least`."""
+    """Convert to one integer of at least `least`, such as a position or a stride."""
     array = as_integer(value, name)
     if array.shape != ():
         raise InvalidInputError(f"{name} must be one whole number, got shape {array.shape}.")
@@ -330,7 +330,7 @@ def _as_number(
 
 
 def as_finite(value: Any, shape: tuple[int | None, ...], name: str) -> np.ndarray:
-    """Convert to finite float64 numbers of this shape, None standing for any length."""
+    """Convert to finite float64 of this shape, in which None stands for any length."""
     array = np.asarray(as_float(value, name), np.float64)
     require_shape(array, shape, name)
     require_finite(array, name)
@@ -341,8 +341,8 @@ def as_area(value: Any, *, finite: bool = True) -> tuple[float, float, float, fl
     """Return x_min, x_max, y_min, y_max of an area, or of a mapping with the pairs x and y.
 
     Args:
-        value: what was given.
-        finite: whether it must end.
+        value: the argument.
+        finite: whether the bounds must be finite.
 
     Raises:
         InvalidInputError: if it has another form, or is empty.
@@ -362,7 +362,7 @@ def as_area(value: Any, *, finite: bool = True) -> tuple[float, float, float, fl
 
 
 def as_rows(value: Any, width: int, name: str) -> np.ndarray:
-    """Convert to floats of shape (N, width) on the host; nothing at all is (0, width)."""
+    """Convert to floats of shape (N, width) on the host; empty input becomes (0, width)."""
     rows = np.asarray(as_float(value, name))
     rows = rows.reshape(0, width) if rows.size == 0 else rows
     require_shape(rows, (None, width), name)
@@ -390,14 +390,14 @@ def as_flag(value: Any, name: str) -> bool:
 
 
 def as_registered(registered: Any, cameras: int) -> Bool[np.ndarray, " cam"]:
-    """Return which cameras are registered; None stands for all."""
+    """Return the mask of registered cameras; None stands for all."""
     flags = np.ones(cameras, bool) if registered is None else as_boolean(registered, "registered")
     require_shape(flags, (cameras,), "registered")
     return flags
 
 
 def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
-    """Raise unless `value` has this shape, None standing for any length."""
+    """Raise unless `value` has this shape, in which None stands for any length."""
     actual = np.shape(value)
     if len(actual) != len(shape) or any(
         s is not None and g != s for g, s in zip(actual, shape, strict=True)
@@ -412,9 +412,9 @@ def require_boxes(
     score: np.ndarray | None,
     keypoints: np.ndarray | None,
 ) -> None:
-    """Raise at the first bad box, score outside [0, 1] or number that is not finite.
+    """Raise if a box is bad, a score is outside [0, 1], or a number is not finite.
 
-    A box is bad if it is without area, or farther out than any image reaches.
+    A box is bad if it has no area, or lies farther out than any image reaches.
 
     Args:
         count: N, the number of boxes.
@@ -438,7 +438,7 @@ def require_boxes(
 
 
 def require_known_cameras(camera: np.ndarray, count: int) -> None:
-    """Raise at the first camera that is not in a rig of `count` cameras."""
+    """Raise if a camera is not in a rig of `count` cameras."""
     refuse(camera < 0, camera, "camera", "; indices start at 0.")
     fault = (
         f", but the rig has {count} cameras, 0 to {count - 1}. Pass the rig that the detections "
@@ -450,9 +450,9 @@ def require_known_cameras(camera: np.ndarray, count: int) -> None:
 def require_few_people(
     frame: np.ndarray, camera: np.ndarray, names: Sequence[str] | None = None
 ) -> None:
-    """Raise if a picture or an instant has more boxes than any crowd gives.
+    """Raise if a picture or an instant has more boxes than any crowd would.
 
-    The frame numbers are then lost, or the boxes are all that a detector ever considered.
+    Then the frame numbers are missing, or the boxes are a detector's raw output.
 
     Args:
         frame: (N,) frame numbers.
@@ -486,7 +486,7 @@ def require_few_people(
 
 
 def shown_camera(camera: int, names: Sequence[str] | None) -> str:
-    """The name of a camera in a message, or its number if it has none."""
+    """Return the name of a camera for a message, or its number if it has none."""
     return str(camera) if names is None or camera >= len(names) else quoted(names[camera])
 
 
@@ -495,7 +495,7 @@ def require_different_cameras(
 ) -> None:
     """Raise if two cameras have the same boxes in all frames: one video under two names.
 
-    Such cameras agree in everything, so that no residual shows that one of them does not exist.
+    Such cameras agree perfectly, so no residual reveals that one of them does not exist.
 
     Args:
         frame: (N,) frame numbers.
@@ -504,7 +504,7 @@ def require_different_cameras(
         names: of the cameras, for the message.
     """
     count = np.bincount(camera)
-    alike = np.bincount(count)[count] > 1  # sorting takes time, and most cameras differ in number
+    alike = np.bincount(count)[count] > 1  # sorting is slow; most cameras differ in number
     first: dict[bytes, int] = {}
     for one in np.flatnonzero(alike & (count >= FEWEST_TWINS)).tolist():
         rows = np.column_stack([frame[camera == one], box[camera == one]])
@@ -521,9 +521,9 @@ def require_different_cameras(
 def require_changing_pictures(
     frame: np.ndarray, camera: np.ndarray, box: np.ndarray, names: Sequence[str] | None = None
 ) -> None:
-    """Raise if a camera has exactly the same boxes in every picture, but another one has not.
+    """Raise if one camera, but not all, has exactly the same boxes in every picture.
 
-    Noise changes every new picture, and so the boxes in it.
+    Noise changes every new picture, and so its boxes.
 
     Args:
         frame: (N,) frame numbers.
@@ -556,7 +556,7 @@ def require_changing_pictures(
 
 
 def as_pictures(silent: Any) -> np.ndarray:
-    """Return (K, 2) integers, frame and camera of each picture that is listed; none for None.
+    """Return (K, 2) integers, frame and camera of each listed picture; K is 0 for None.
 
     Raises:
         InvalidInputError: if the rows are not pairs of integers.
@@ -573,12 +573,12 @@ def require_no_boxes(
     camera: np.ndarray,
     names: Sequence[str] | None = None,
 ) -> None:
-    """Raise at the first of the pictures that do not exist in which there is a box.
+    """Raise if a picture that is listed as missing has a box.
 
     Args:
-        silent: (K, 2) frame and camera of these pictures.
-        frame: (N,) of the boxes.
-        camera: (N,) of the boxes.
+        silent: (K, 2) frame and camera of the missing pictures.
+        frame: (N,) frame of each box.
+        camera: (N,) camera of each box.
         names: of the cameras, for the message.
     """
     if not len(silent):
@@ -601,10 +601,10 @@ def require_boxes_in_images(
     image_size: np.ndarray,
     names: Sequence[str] | None = None,
 ) -> None:
-    """Raise if a camera has the centers of many boxes outside its image.
+    """Raise if many boxes of a camera have their center outside its image.
 
-    The image is then of another size, so that the principal point is elsewhere. A rig that fits the
-    boxes all the same is off, and its residuals do not show it.
+    Then the image size is wrong, and the principal point with it. A rig that fits such boxes is
+    off, and its residuals do not show it.
 
     Args:
         camera: (N,) camera indices.
@@ -632,7 +632,7 @@ def require_boxes_in_images(
 
 
 def require_finite(value: Any, name: str, where: np.ndarray | None = None) -> None:
-    """Raise at the first NaN or infinity, looking only at rows where `where` is true."""
+    """Raise if there is a NaN or infinity in the rows where `where` is true."""
     bad = np.asarray(~np.isfinite(np.asarray(value)))
     if where is not None:
         bad = bad & where.reshape(where.shape + (1,) * (bad.ndim - where.ndim))
@@ -647,9 +647,9 @@ def options_of(hint: Any) -> tuple[Any, ...]:
 
 
 def require_declared_types(kind: type, values: Mapping[str, Any]) -> None:
-    """Raise unless arrays and numbers are what the fields of a dataclass declare.
+    """Raise unless arrays and numbers match the declared fields of a dataclass.
 
-    An axis name stands for one length in all fields, so columns of unequal length raise, too.
+    An axis name stands for one length in all fields, so columns of unequal length also raise.
 
     Args:
         kind: the dataclass.

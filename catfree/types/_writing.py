@@ -17,20 +17,20 @@ from catfree.types._validation import as_path
 # They keep the suffix, by which some writers choose the format.
 _PREFIX, _LONGEST_SUFFIX = ".catfree-", 8
 _TEMPORARY = re.compile(r"\.catfree-[0-9a-f]{32}(\.[^./\\]{0,7})?")
-# A live writer touches its temporary file every few seconds; one untouched for an hour is left over
-# from a killed process.
+# A live writer touches its temporary file every few seconds; one untouched for an hour is a
+# leftover of a killed process.
 ABANDONED_AFTER = 3600.0
 
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
 def is_temporary(name: str) -> bool:
-    """Return whether `replacement` makes such names, as left over by a killed process."""
+    """Return whether `replacement` made this name, as left over by a killed process."""
     return _TEMPORARY.fullmatch(name) is not None
 
 
 def remove_abandoned(folder: str | os.PathLike[str]) -> None:
-    """Remove what killed processes left over in a folder, but nothing in folders within it.
+    """Remove temporary files of killed processes from a folder, but not from its subfolders.
 
     Args:
         folder: need not exist.
@@ -47,10 +47,10 @@ def remove_abandoned(folder: str | os.PathLike[str]) -> None:
 def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> Iterator[Path]:
     """Yield an empty file that replaces `path` when the block ends without an error.
 
-    If `path` is a link, the file that it leads to is replaced, and the link stays.
+    If `path` is a link, its target is replaced, and the link stays.
 
-    The empty file is in the same folder, under a random name, so that no link can be planted there
-    beforehand. Its path is absolute, as FFmpeg takes what precedes a colon for a protocol.
+    The empty file is in the same folder, under a random name, so that nobody can plant a link
+    there. Its path is absolute, because FFmpeg takes the text before a colon for a protocol.
 
     Args:
         path: the file to make or to replace.
@@ -59,7 +59,7 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
 
     Raises:
         InvalidInputError: if the folder does not exist, or the path is a folder, a device, a pipe
-            or no path.
+            or invalid.
         WriteError: if the disk is full or not writable; no partial file is left behind.
     """
     target = as_path(path, "path")
@@ -81,7 +81,7 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
         name = f"{_PREFIX}{uuid.uuid4().hex}{ending[:_LONGEST_SUFFIX]}"
         temporary = target.absolute().with_name(name)
         try:
-            # Not `tempfile`, whose files only their owner may read.
+            # Not `tempfile`: only the owner may read its files.
             temporary.open("xb").close()
             yield temporary
             os.replace(temporary, target)
@@ -98,7 +98,7 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """Yield a stream whose content replaces a file once it is complete.
+    """Yield a stream whose content replaces a file once complete.
 
     Raises:
         InvalidInputError: as `replacement`.
@@ -126,7 +126,7 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
 
 
 def cannot_write(path: str | os.PathLike[str], error: OSError, task: str = "write") -> WriteError:
-    """Make the error for a file or folder that cannot be written, with advice for the reason."""
+    """Make the error for a file or folder that cannot be written, with advice for its cause."""
     if isinstance(error, WriteError):
         return error
     advice = "Free some space, or name" if error.errno in _NO_SPACE else "Name"

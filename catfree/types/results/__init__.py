@@ -1,1 +1,1 @@
-"""Results: tracks, the localization that they are part of, and reconstructions."""
+"""Results: tracks, localizations and reconstructions."""

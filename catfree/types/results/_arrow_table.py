@@ -1,4 +1,4 @@
-"""The table of tracks in Arrow: its columns, and what its metadata say about them."""
+"""The Arrow table of tracks: its columns and metadata."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ def to_table(columns: Mapping[str, Any], camera_names: Sequence[str] | None) -> 
 
     Raises:
         MissingDependencyError: if pyarrow is not installed.
-        InvalidInputError: if there are more than 64 cameras, or another number of names.
+        InvalidInputError: if there are more than 64 cameras, or the number of names differs.
     """
     arrow = require_pyarrow()
     cameras = columns["support"].shape[1] or np.asarray(camera_names, object).size
@@ -86,10 +86,10 @@ def to_table(columns: Mapping[str, Any], camera_names: Sequence[str] | None) -> 
 
 
 def from_table(table: "pyarrow.Table") -> dict[str, Any]:
-    """Return the fields of tracks that a table holds; see `Tracks.from_arrow`.
+    """Return the fields of the tracks in a table; see `Tracks.from_arrow`.
 
     Args:
-        table: what `to_table` made, also if rows were selected, sorted or concatenated since.
+        table: made by `to_table`; rows may have been selected, sorted or concatenated since.
 
     Raises:
         MissingDependencyError: if pyarrow is not installed.
@@ -152,7 +152,7 @@ def require_pyarrow() -> ModuleType:
 
 
 def _bits_of(support: Any, known: Any, names: list[str] | None) -> np.ndarray | None:
-    """(M,) the bit sets of the cameras that support each row, or None if nothing tells them."""
+    """(M,) the bit sets of the cameras that support each row, or None if unknown."""
     count = support.shape[1]
     if count > CAMERA_BITS:
         name = quoted(names[CAMERA_BITS]) if names else CAMERA_BITS
@@ -188,7 +188,7 @@ def _metadata(
 
 
 def _described(metadata: Mapping[bytes, bytes]) -> tuple[Clock | None, bool, bool]:
-    """Return the clock, and whether there are probabilities of existence and bit sets."""
+    """Return the clock, and whether the table has existence probabilities and bit sets."""
     if metadata.get(b"table") != _KIND.encode():
         raise FileFormatError(
             f"The table's metadata do not say {_KIND!r}: another program made it, or dropped them. "
@@ -207,7 +207,7 @@ def _described(metadata: Mapping[bytes, bytes]) -> tuple[Clock | None, bool, boo
 
 
 def _column(table: "pyarrow.Table", name: str, kind: Any, *, known: bool = False) -> Any:
-    """Return one column as one array of a type; `known` ones have values in all rows."""
+    """Return one column as an array of a type; `known` columns have no nulls."""
     arrow = require_pyarrow()
     column = table[name]
     if column.null_count and (known or name not in _OPTIONAL):
@@ -222,7 +222,7 @@ def _column(table: "pyarrow.Table", name: str, kind: Any, *, known: bool = False
 
 
 def _numbers(table: "pyarrow.Table", name: str, kind: Any, *, known: bool = False) -> np.ndarray:
-    # A copy: arrays of Arrow cannot be written to.
+    # A copy, because Arrow's arrays are read-only.
     return np.array(_column(table, name, kind, known=known).to_numpy(zero_copy_only=False))
 
 
@@ -238,7 +238,7 @@ def _origins(table: "pyarrow.Table") -> np.ndarray:
 
 
 def _per_frame(velocity: np.ndarray, rate: float) -> np.ndarray:
-    """Divide by the frame rate such that multiplying gives back every bit."""
+    """Divide by the frame rate such that multiplying restores every bit."""
     slow = velocity / rate
     for toward in (-np.inf, np.inf):
         near = np.nextafter(velocity / rate, toward)

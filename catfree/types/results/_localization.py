@@ -17,17 +17,17 @@ class Fate(IntEnum):
 
     Attributes:
         ACCEPTED: part of a track, both methods.
-        RECOVERED: brought back by the paper's recovery.
+        RECOVERED: restored by the paper's recovery.
         RMS_GATE: the paper's angular consistency.
-        UNCERTAINTY_FILTER: too uncertain: the paper's threshold on sigma; in the evidence method
-            less likely than not to be right within `report_radius`.
+        UNCERTAINTY_FILTER: too uncertain: above the paper's threshold on sigma; in the evidence
+            method, more likely than not off by more than `report_radius`.
         GROUND_FILTER: the paper's ground-distance threshold.
         SUPPORT_FILTER: too little weighted support, the paper's method.
         TEMPORAL_FILTER: no partner in neighboring frames, the paper's method.
-        SUPPRESSED: a better position is in the same place, both methods.
+        SUPPRESSED: a better position is at the same place, both methods.
         EXISTENCE: the evidence against a person outweighs that for one, evidence method.
         TRACKING: not part of a lasting track, evidence method.
-        WORKING_AREA: outside the ground that the rig covers, evidence method.
+        WORKING_AREA: outside the working area of the rig, evidence method.
     """
 
     ACCEPTED = 0
@@ -49,15 +49,15 @@ class Candidates(eqx.Module):
     Attributes:
         frame: (H,) frame of each hypothesis.
         position: (H, 3) in scene units; the paper's method: free in 3-D; evidence: on the ground.
-        sigma: (H,) ground uncertainty of the supporting rays in scene units, Eq. sigma; inf below
-            two rays.
-        ground_distance: (H,) unsigned distance g in scene units from the ground to where the
-            supporting rays meet; evidence: a diagnostic, NaN where sigma is inf.
+        sigma: (H,) ground uncertainty of the supporting rays in scene units, Eq. sigma; inf with
+            fewer than two rays.
+        ground_distance: (H,) unsigned distance g in scene units from the ground to the intersection
+            of the supporting rays; evidence: a diagnostic, NaN where sigma is inf.
         rms_angle: (H,) RMS angular residual of the supporting rays in radians; evidence: NaN where
             sigma is inf.
         support: (H, C) index of the supporting detection of each camera, or -1.
-        score: (H,) the paper's method: auxiliary score that breaks ties of suppression; evidence:
-            log-odds that a person is there, from this frame only.
+        score: (H,) the paper's method: auxiliary score that breaks ties in suppression; evidence:
+            log-odds that a person is there, from this frame alone.
         fate: (H,) `Fate` values.
     """
 
@@ -84,12 +84,12 @@ class Thresholds(eqx.Module):
     Attributes:
         tau_sigma: uncertainty threshold in scene units.
         tau_g: ground-distance threshold in scene units.
-        tau_sigma_recovery: `tau_sigma` as the recovery estimates it again.
-        tau_g_recovery: `tau_g` as the recovery estimates it again.
+        tau_sigma_recovery: `tau_sigma` re-estimated by the recovery.
+        tau_g_recovery: `tau_g` re-estimated by the recovery.
         median_box_height: h tilde in pixels.
         pose_ratio: weight of rays without confirmed ankles, min(1, (s_pose / s_other)²).
         extension_appearance: largest appearance distance that an extension accepts; inf if there
-            was nothing to learn it from.
+            was no data to learn it from.
     """
 
     tau_sigma: float | None = None
@@ -105,37 +105,38 @@ class Reliability(eqx.Module):
     """A label-free summary of the reliability of a run.
 
     Attributes:
-        median_sigma: median sigma of the tracks in scene units (NaN without tracks, inf if that of
-            most is).
+        median_sigma: median sigma of the tracks in scene units (NaN without tracks, inf if most
+            are).
         sigma_over_radius: `median_sigma` divided by the paper's suppression radius, or by the
             radius within which the evidence method counts a position as right (`report_radius`).
-        fraction_recovered: share of the accepted candidates that the recovery brought back.
-        fraction_extended: share of the track positions that no box of their frame supports: the
+        fraction_recovered: share of the accepted candidates that the recovery restored.
+        fraction_extended: share of the track positions without a supporting box in their frame: the
             paper's extensions, the evidence method's gaps.
         mean_supporting_cameras: mean number of cameras per position.
         detections_used: share of the detections that support an accepted position.
-        expected_precision: expected share of the reported positions that are right, from the
-            method's probabilities, NaN without positions; None if it gives none.
-        expected_recall: expected share of people who are reported, from the same probabilities,
-            not counting people in fewer than two boxes, NaN without people; None if the method
-            gives none.
+        expected_precision: expected share of the reported positions that are correct, from the
+            method's probabilities; NaN without positions, None if the method has none.
+        expected_recall: expected share of people who are reported, from the same probabilities, not
+            counting people in fewer than two boxes; NaN without people, None if the method has
+            none.
         expected_moda: expected MODA at half a meter, in percent; NaN if it cannot be estimated,
             None in results of earlier versions.
-        moda_low: lower end of the 90 % interval of MODA, NaN where `expected_moda` is.
+        moda_low: lower end of the 90 % interval of MODA; NaN if `expected_moda` is.
         moda_high: upper end of that interval.
         expectation_note: why MODA cannot be estimated, or None.
-        ground_height: median height above the ground of where the foot rays of one person meet, in
-            scene units, negative below it; NaN for few people, None if the method gives none.
-        lens_bend: how wrong a camera's lens seems: the largest angle in radians between people
-            near the border of its image and where the other cameras see them; 0 if that is not
-            significant, None if the method gives none.
-        pattern_share: largest share of the variance of a camera's residuals that a clock that is
-            off or a move of the camera explains, beyond chance; None if the method gives none.
-        least_together: how often two cameras see a walking person together, over how often they
-            would if each missed people on its own; smallest of all pairs, NaN or None if it is not
-            known.
-        rig_sd_over_radius: `Scene.rig_sd` divided by the same radius as sigma; None if it is not
-            known, or the method gives none.
+        ground_height: median height above the ground, in scene units, at which the foot rays of one
+            person meet; negative if below; NaN for few people, None if the method does not estimate
+            it.
+        lens_bend: apparent error of a camera's lens model: the largest angle in radians between
+            people near the border of its image and where the other cameras see them; 0 if not
+            significant, None if the method does not estimate it.
+        pattern_share: largest share of the variance of a camera's residuals that a clock error or a
+            camera movement explains, beyond chance; None if the method does not estimate it.
+        least_together: how often two cameras see a walking person together, relative to the rate
+            expected if they missed people independently; minimum over pairs, NaN or None if
+            unknown.
+        rig_sd_over_radius: `Scene.rig_sd` divided by the same radius as sigma; None if unknown, or
+            the method does not use it.
     """
 
     median_sigma: float
@@ -165,8 +166,8 @@ class Localization(eqx.Module):
         candidates: every hypothesis and its fate.
         thresholds: what was estimated from the sequence.
         reliability: label-free summary.
-        detection_count: N, the number of the caller's detections, including unused ones; 0 in
-            files of version 0.1, which do not store which box shows whom.
+        detection_count: N, the number of the caller's detections, including unused ones; 0 in files
+            of version 0.1, which do not store the identity of each box.
         warnings: sentences about problems with the input.
     """
 
@@ -197,7 +198,7 @@ class Localization(eqx.Module):
             warnings: sentences.
 
         Raises:
-            InvalidInputError: if the tracks are supported by a detection that there is not.
+            InvalidInputError: if a supporting detection of the tracks does not exist.
         """
         self.tracks, self.candidates = tracks, candidates
         self.thresholds, self.reliability = thresholds, reliability
@@ -218,10 +219,10 @@ class Localization(eqx.Module):
         return identity
 
     def require_detections(self, detections: Detections) -> None:
-        """Raise unless these can be the detections that the result was made from.
+        """Raise if the result cannot have been made from these detections.
 
         Raises:
-            InvalidInputError: if their number is another.
+            InvalidInputError: if their number differs.
         """
         if len(detections) != self.detection_count:
             raise InvalidInputError(
@@ -252,7 +253,7 @@ def require_sound_localization(localization: Localization) -> None:
 
 
 def _require_sound_summary(localization: Localization) -> None:
-    """Raise unless thresholds and reliability are finite, or unknown where they may be."""
+    """Raise unless thresholds and reliability are finite, or unknown where allowed."""
     tracks, summary = localization.tracks, localization.reliability
     may_be_nan = {"expected_precision", "expected_recall", "expected_moda"}
     may_be_nan |= {"ground_height", "least_together", "median_sigma", "sigma_over_radius"}

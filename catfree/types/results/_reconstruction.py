@@ -1,6 +1,6 @@
 """The result of a reconstructor for one instant: `Reconstruction`, in its own frame and scale.
 
-It is separate from the protocol of reconstructors, because code that averages reconstructions
+The type is separate from the protocol of reconstructors, because code that averages reconstructions
 (`catfree.calibration`) does not depend on how they were made.
 """
 
@@ -32,7 +32,7 @@ class Reconstruction(eqx.Module):
         confidence: (P,) positive confidence of each point; comparable within one reconstruction.
         scale_is_metric: whether the units are meters.
         weights_id: content hash of the weights that produced it.
-        registered: (C,) false for a view whose camera could not be determined; its K, R and t are
+        registered: (C,) false for views whose camera could not be determined; their K, R and t are
             finite placeholders.
     """
 
@@ -59,8 +59,8 @@ class Reconstruction(eqx.Module):
         """Validate and store.
 
         Raises:
-            InvalidInputError: naming the first entry with a wrong shape, a value that is not
-                finite, intrinsics that are not valid or a matrix that is not a rotation.
+            InvalidInputError: naming the first wrong shape, value that is not finite, invalid
+                intrinsics or matrix that is not a rotation.
         """
         self.K, self.R, self.t = (
             np.asarray(as_float(value, name)) for name, value in (("K", K), ("R", R), ("t", t))

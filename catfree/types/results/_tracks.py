@@ -74,21 +74,23 @@ class Tracks(eqx.Module):
         existence: (M,) probability that a person is there, or None if the method gives none.
         support: (M, C) row of the caller's `Detections` that shows the person in each camera, or
             -1. A detection supports at most one row. If several positions of the paper's method
-            share one, `supporting_cameras` and `sigma` count it for all of them, and `support`
-            assigns it to the position closest to its ray. (M, 0) if unknown, as in a CSV table.
+            share a detection, `supporting_cameras` and `sigma` count it for all of them, and
+            `support` assigns it to the position closest to its ray. (M, 0) if unknown, as in a CSV
+            table.
         velocity: (M, 2) velocity of `ground_xy` in scene units per frame number; multiply by the
             frame rate for scene units per second. NaN if unknown: for positions without a track,
             and in the paper's method for tracks of one position. Evidence: smoothed over time;
             paper: difference of the neighboring positions.
         velocity_covariance: (M, 2, 2) covariance of `velocity`; NaN where `velocity` is; inf in
             the paper's method if it rests on a position with fewer than two cameras.
-        cameras: (M,) uint64 bit set of the cameras whose box supports the position, camera c being
-            bit c, in tracks that were read from a table; None where `support` says it, or unknown.
-        clock: gives the time of each frame, or None if unknown.
+        cameras: (M,) uint64 bit set of the cameras whose box supports the position (bit c is camera
+            c), in tracks read from a table; None if `support` is known, or both are unknown.
+        clock: maps frame numbers to times, or None if unknown.
         design_sigma: (M,) how precisely the rig locates people there: the ground uncertainty from
-            the boxes of one instant if nobody hid the person, in scene units, without sway, uneven
-            ground and the error of the map. None if the method does not know.
-        whole_views: (M,) number of images that show the whole body if nobody hides it, or None.
+            the boxes of one instant without occlusion, in scene units, without sway, uneven ground
+            and the error of the map. None if the method does not compute it.
+        whole_views: (M,) number of images that would show the whole body without occlusion, or
+            None.
     """
 
     frame: Int[np.ndarray, " m"]
@@ -139,18 +141,17 @@ class Tracks(eqx.Module):
             supporting_cameras: how many.
             origin: `Origin` values.
             existence: probabilities, or None.
-            support: rows of the detections; None where they are not known.
-            velocity: None where it is not known.
-            velocity_covariance: None where it is not known.
-            cameras: None where `support` is known, or nothing is.
+            support: rows of the detections, or None if unknown.
+            velocity: None if unknown.
+            velocity_covariance: None if unknown.
+            cameras: None if `support` is known, or both are unknown.
             clock: of the frame numbers.
-            design_sigma: None where it is not known.
-            whole_views: None where it is not known.
+            design_sigma: None if unknown.
+            whole_views: None if unknown.
 
         Raises:
-            InvalidInputError: naming the first column whose shape does not fit the others, or that
-                does not hold numbers, whole ones where these are, or the first entry of `support`
-                below -1.
+            InvalidInputError: naming the first column whose shape or type is wrong, or the first
+                entry of `support` below -1.
         """
         self.frame = as_integer(frame, "frame")
         self.track_id = as_integer(track_id, "track_id")
@@ -242,9 +243,9 @@ class Tracks(eqx.Module):
         """Return the table that other programs read; `docs/table.md` describes it.
 
         Columns: `time_s` in seconds on the clock, `frame`, `track_id`, ground coordinates `x`, `y`
-        in scene units, velocity `vx`, `vy` in scene units per second, covariance `cov_xx`,
+            in scene units, velocity `vx`, `vy` in scene units per second, covariance `cov_xx`,
         `cov_xy`, `cov_yy` of x and y, `existence`, `sigma`, `origin` and `cameras`, the bit set of
-        the cameras whose box supports the row. What is unknown is null: times and velocities
+        the cameras whose box supports the row. Unknown values are null: times and velocities
         without a clock, velocities of single positions, existence in the paper's method, cameras of
         tracks from CSV. The schema's metadata give units, frame of reference, clock and names.
 
@@ -253,17 +254,17 @@ class Tracks(eqx.Module):
 
         Raises:
             MissingDependencyError: if pyarrow is not installed.
-            InvalidInputError: if there are more than 64 cameras, or another number of names.
+            InvalidInputError: if there are more than 64 cameras, or the number of names differs.
         """
         return to_table(vars(self), camera_names)
 
     @classmethod
     def from_arrow(cls, table: "pyarrow.Table", ground: Plane | None = None) -> "Tracks":
-        """Read what `to_arrow` made, number for number, velocities to within rounding.
+        """Invert `to_arrow` exactly, except for rounding of velocities.
 
-        Not in the table: `support` (it is (M, 0), and `cameras` holds the bit sets),
+        The table lacks `support` (which becomes (M, 0), with the bit sets in `cameras`),
         `velocity_covariance` (NaN) and `position`. `supporting_cameras` counts the bits of
-        `cameras`, and is 0 where these are unknown.
+        `cameras`, and is 0 where they are unknown.
 
         Args:
             table: with its metadata; rows may have been selected, sorted or concatenated.
@@ -288,7 +289,7 @@ class Tracks(eqx.Module):
         return replace(tracks, position=position)
 
     def to_pandas(self) -> "pandas.DataFrame":
-        """Return the columns of `to_arrow` as a table of pandas.
+        """Return the columns of `to_arrow` as a pandas table.
 
         Raises:
             MissingDependencyError: if pandas or pyarrow is not installed.
@@ -310,13 +311,13 @@ class Tracks(eqx.Module):
             camera: index of the camera.
             detections: those that the tracks were made from.
 
-        Returns:
-            Frame number to boxes, for each frame of the detections or tracks.
+        Returns: A dictionary from frame number to boxes, for each frame of the detections or
+            tracks.
 
         Raises:
             MissingDependencyError: if supervision is not installed.
-            InvalidInputError: if the tracks do not say which boxes support them, as after reading
-                them from a table, there is no such camera, or the detections are others.
+            InvalidInputError: if the tracks do not know their supporting boxes, as after reading
+                them from a table, the camera does not exist, or the detections differ.
         """
         with needing("supervision.Detections need supervision: pip install 'catfree[bridges]'."):
             import supervision
@@ -378,16 +379,15 @@ def supporting_boxes(
     """Find the boxes that support tracks.
 
     Args:
-        tracks: whose rows name boxes.
+        tracks: tracks with known `support`.
         detections: those that the tracks were made from.
 
-    Returns:
-        Of each box, the row of the tracks that it supports, its camera, and its row of the
+    Returns: For each box, the row of the track that it supports, its camera, and its row in the
         detections, sorted by the first two.
 
     Raises:
-        InvalidInputError: if the tracks do not say which boxes support them, as after reading them
-            from a table, or the detections are others.
+        InvalidInputError: if the tracks do not know their supporting boxes, as after reading them
+            from a table, or the detections differ.
     """
     require_instance(detections, Detections, "detections")
     if len(tracks) and not tracks.support.shape[1]:
@@ -409,10 +409,10 @@ def supporting_boxes(
 
 
 def require_sound_tracks(tracks: Tracks) -> None:
-    """Raise unless tracks are finite, with lengths, variances, counts and probabilities in range.
+    """Raise unless tracks are finite and lengths, variances, counts and probabilities in range.
 
-    A position that fewer than two cameras support may have an infinite sigma, and velocities may
-    be unknown (NaN), with a covariance that is unknown or infinite.
+    A position with fewer than two supporting cameras may have an infinite sigma, and velocities may
+    be unknown (NaN), with unknown or infinite covariance.
 
     Raises:
         InvalidInputError: naming the first column and row.
@@ -446,5 +446,5 @@ def require_sound_tracks(tracks: Tracks) -> None:
 
 
 def require(good: Any, values: Any, name: str, meaning: str) -> None:
-    """Raise unless all values are what they mean, naming the first that is not."""
+    """Raise unless all values pass a check, naming the first that does not."""
     refuse(~good, values, name, f", not {meaning}.")
