@@ -1,6 +1,6 @@
-"""The constants of the calibration from pedestrians with their reasons, the same for all data.
+"""The constants of the calibration from pedestrians and their reasons, the same for all data.
 
-`docs/calibration_constants.md` is made of the reasons given here.
+`docs/calibration_constants.md` is generated from the reasons given here.
 """
 
 from dataclasses import dataclass
@@ -15,17 +15,17 @@ class CalibrationSettings(CheckedSettings):
     Lengths are in meters, angles in radians, pixels in original image pixels.
 
     Attributes:
-        person_height: mean standing height of adults, shoes included; the only source of scale
-            but for anchors.
+        person_height: mean standing height of adults, shoes included; without anchors, the only
+            source of scale.
         person_height_sd: spread of standing heights.
         crowd_height_sd: standard deviation of the mean height of the people at one place around
             `person_height`. Images do not reveal it, so it is part of the uncertainty of the scale.
-        unusual_height_sd: the same where anchors contradict it: children, or boxes of another kind.
-        anchor_level: probability of the difference between an anchor and everything else (a
-            chi-square) below which the anchor is not used.
-        foot_offset: how much nearer to the camera than the body axis the visible bottom of a box
-            is. Boxes hardly constrain it (it trades off with scale and focal length), so it is not
-            fitted.
+        unusual_height_sd: the same if anchors contradict it: children, or boxes of another kind.
+        anchor_level: probability (chi-square) of the difference between an anchor and all other
+            evidence below which the anchor is not used.
+        foot_offset: distance by which the visible bottom of a box is nearer to the camera than the
+            body axis. Boxes hardly constrain it (it trades off with scale and focal length), so it
+            is not fitted.
         foot_offset_sd: its uncertainty, part of the uncertainty of the scale.
         box_slack: share of the person's height by which a box is taller than the person, half of it
             above the head and half below the soles.
@@ -66,9 +66,8 @@ class CalibrationSettings(CheckedSettings):
             tried, and finally the camera is flagged.
         unsupported_share: ratio of a camera's share of boxes in confident people to the usual share
             below which other poses are tried.
-        fewest_to_compare: with fewer cameras no other poses are tried.
-        largest_focal_sd: relative; a camera with a larger uncertainty of the focal length is not
-            accepted.
+        fewest_to_compare: with fewer cameras, no other poses are tried.
+        largest_focal_sd: largest relative uncertainty of the focal length of an accepted camera.
         minimum_frames: least number of frames with boxes.
         evidence_rounds: largest number of rounds in which the most certain groups of the evidence
             method refine the rig, until it converges; 0 keeps the registered rig.
@@ -124,7 +123,7 @@ class CalibrationSettings(CheckedSettings):
     )
     relative_sd: float = constant(0.025, "physical", "steps and sway: 4 cm of a person")
     body_sd: float = constant(
-        0.08, "physical", "arms and bags move the center of a box by a third of half a body"
+        0.08, "physical", "arms and bags move the center of a box by a third of half a body's width"
     )
     border: float = constant(
         0.003,
@@ -134,7 +133,7 @@ class CalibrationSettings(CheckedSettings):
     detection_rates: tuple[float, float] = constant(
         (0.3, 0.9),
         "physical",
-        "a camera that misses more people is hardly worth its place, and none misses nobody",
+        "a camera that misses more people is hardly useful, and every camera misses some",
     )
 
     # Cameras.
@@ -151,7 +150,7 @@ class CalibrationSettings(CheckedSettings):
         0.003, "physical", "lenses of one kind differ by some thousandths"
     )
     roll_sd: float = constant(
-        0.15, "physical", "cameras are upright to within 9 degrees, and seldom off by 17"
+        0.15, "physical", "cameras are usually upright to within 9 degrees, and seldom off by 17"
     )
     bent_lenses: tuple[float, ...] = constant(
         (-0.15, -0.3),
@@ -164,13 +163,13 @@ class CalibrationSettings(CheckedSettings):
 
     # The search for cameras.
     maximum_frames: int = constant(
-        300, "numerical", "cameras that stand still need people in many places, not all frames"
+        300, "numerical", "static cameras need people in many places, not all frames"
     )
     voting_frames: int = constant(
-        36, "numerical", "the votes of all their people are added up; more frames take longer"
+        36, "numerical", "the votes of all people in them are summed; more frames take longer"
     )
     scoring_frames: int = constant(
-        72, "numerical", "twice as many, for the few placements that are left"
+        72, "numerical", "twice as many, for the few remaining placements"
     )
     voting_angle: float = constant(0.0698, "numerical", "4 degrees; each placement is refined")
     voting_cell: float = constant(
@@ -180,12 +179,14 @@ class CalibrationSettings(CheckedSettings):
         60.0, "numerical", "farther away, a person is a few pixels high"
     )
     chance_weight: float = constant(
-        0.7, "decision", "half a sequence later, some people are where they were"
+        0.7, "decision", "half a sequence later, some people are at the same place"
     )
     match_gate: float = constant(9.21, "decision", "99 % of a chi-square with 2 degrees of freedom")
 
     # Which cameras are accepted.
-    minimum_frames: int = constant(20, "decision", "fewer frames cannot be told from chance")
+    minimum_frames: int = constant(
+        20, "decision", "fewer frames cannot be distinguished from chance"
+    )
     minimum_matches: int = constant(15, "decision", "twice as many as a camera has parameters")
     minimum_association: float = constant(
         0.45,
@@ -202,11 +203,13 @@ class CalibrationSettings(CheckedSettings):
         "from a few frames to half the sequence, in both directions",
     )
     largest_focal_sd: float = constant(
-        0.05, "decision", "with more, a person 20 m away is placed wrong by a meter"
+        0.05, "decision", "with more, a person 20 m away is misplaced by a meter"
     )
 
     # The refinement.
-    evidence_rounds: int = constant(5, "numerical", "cameras usually rest after two or three")
+    evidence_rounds: int = constant(
+        5, "numerical", "cameras usually stop moving after two or three"
+    )
     free_lens_gain: float = constant(
         0.03, "decision", "other errors that look like distortion save less"
     )
@@ -216,9 +219,9 @@ class CalibrationSettings(CheckedSettings):
         "correctly placed cameras differ by up to 1.3 (lenses, distances); one displaced by a"
         " tenth of its range has twice the usual residual",
     )
-    unsupported_share: float = constant(0.5, "decision", "so few boxes fit any pose")
+    unsupported_share: float = constant(0.5, "decision", "as few boxes as this fit any pose")
     fewest_to_compare: int = constant(
-        4, "decision", "fewer cameras distort each other as much as themselves"
+        4, "decision", "among fewer cameras, a wrong one distorts the others as much as itself"
     )
     anchor_level: float = constant(0.001, "decision", "one true anchor in a thousand is refused")
 

@@ -1,6 +1,7 @@
 """The settings of the evidence method; their defaults are the same for all data.
 
-`docs/evidence_constants.md` is made of the reasons given here; it adds what each constant changes.
+`docs/evidence_constants.md` is generated from the reasons given here, with the effect of each
+constant.
 
 Lengths are in units of H0, the median person height of the sequence, so that the method does not
 depend on the scale of the scene; pixels are shares of the box height or of the focal length;
@@ -19,38 +20,41 @@ class EvidenceSettings(CheckedSettings):
     The first block switches the ingredients on or off, for ablations.
 
     Attributes:
-        use_misses: count cameras that should see a person and do not as evidence against it.
+        use_misses: count cameras that should see a person but do not as evidence against the
+            person.
         self_calibrate: estimate the noise of each camera's box edges and the people's height.
         residual_field: estimate a smooth offset of each camera's box edges, a small bundle
             adjustment.
         local_clutter: estimate the clutter ratio per camera and place; otherwise a box is as likely
             false as true.
-        use_height: use the top edge and the height prior, not only the foot.
+        use_height: use the top edge and the height prior in addition to the foot.
         track: link over time, smooth, and associate again with the tracks as priors.
         use_appearance: use embeddings if present.
-        link_by_looks: link tracks by appearance too, not only by motion and height.
+        link_by_looks: link tracks by appearance in addition to motion and height.
         working_area: report positions only where the geometry of the rig determines them well.
         uneven_ground: let people stand off the plane by `unevenness`.
         pose_errors: include the error of the whole map in the ellipses; positions do not change.
 
         edge_noise: initial noise of center, top and bottom in box heights.
         angular_noise: usual calibration error in radians, common to boxes of all sizes.
-        far_more_evidence: ratio of evidence above which learning from twice the largest calibration
-            error is preferred to learning from the usual one.
-        ankle_factor: noise factor of a bottom edge unless both ankles are seen.
-        lower_body: share of a box that holds the legs from the knees down.
-        cover_ramp: hidden shares of the lower body between which its bottom edge gets less precise.
+        far_more_evidence: ratio of evidence above which starting from twice the largest calibration
+            error is preferred to starting from the usual one.
+        ankle_factor: noise factor of a bottom edge unless both ankles are detected.
+        lower_body: share of a box that shows the legs from the knees down.
+        cover_ramp: hidden shares of the lower body between which its bottom edge becomes less
+            precise.
         cover_slope: noise that the bottom edge gains per hidden share within `cover_ramp`.
         border_margin: share of the image width within which an edge counts as cut.
         side_cut_noise: center noise of a box cut at the side.
-        foot_outlier: share of bottom edges that are not at the feet at all, so that neither place
-            nor height can be relied upon.
+        foot_outlier: share of bottom edges that are not at the feet, so that neither place nor
+            height is reliable.
         largest_sigma: a single view with a larger uncertainty, in H0, carries no information.
 
         calibration_frames: largest number of frames, evenly spread, to learn from.
-        fewest_samples: people or steps from which anything is learned. The usual noise is worth as
-            many residuals, and the detection rate of all classes as many sightings of one.
-        fewest_pairs: pairs of one person, and of two, from which it is learned who looks alike.
+        fewest_samples: least number of people or steps to learn from; also the prior weight of the
+            usual noise, in residuals, and of the overall detection rate, in sightings per class.
+        fewest_pairs: least number of pairs of one person, and of two people, to learn appearance
+            from.
         least_noise: smallest noise of an edge relative to its initial value.
         angular_noise_range: bounds of the calibration error in radians.
         field_prior: prior standard deviation of the offset's coefficients (focal, column, row,
@@ -63,46 +67,49 @@ class EvidenceSettings(CheckedSettings):
         appearance_limit: largest log-likelihood ratio of one pair.
         gate: largest squared Mahalanobis distance of two boxes of one person, and of a link.
 
-        witnesses: other cameras that must see a person for its detection to be counted (all others
-            if there are fewer), cameras that must see a person from whom noise, speed and
-            appearance are learned, and whole views of a place that `missing_views` never excludes.
+        witnesses: other cameras that must see a person for a detection to be counted (all others if
+            there are fewer); cameras that must see a person for noise, speed and appearance to be
+            learned; and whole views of a place that `missing_views` never excludes.
         body_ramp: share of the body inside the image between "cut off" and "in view".
         cover_edges: boundaries between classes of hidden share, each with its own detection rate;
-            the share of a body inside an image that counts as whole is the last.
-        height_quantiles: of a camera's boxes, between small, usual and large people.
+            the last is also the share of a body inside an image that counts as whole.
+        height_quantiles: quantiles of a camera's box heights between small, usual and large people.
         detection_rate_start: detection rate of all cameras before counting.
         detection_rate_range: bounds of the detection rate of a class before counting, which may
-            halve the distance to certainty; the lower one holds in a camera that did see somebody.
-        clutter_pseudo_counts: boxes that the ratio of a camera is worth against those of one place.
+            halve the distance to certainty; the lower bound applies to cameras that saw somebody.
+        clutter_pseudo_counts: prior weight, in boxes, of a camera's clutter ratio at one place.
         clutter_range: bounds of the ratio of clutter to people.
-        outage_expected: expected detections in an empty picture above which there was no picture.
+        outage_expected: expected detections in an empty picture above which the picture counts as
+            missing.
 
         passes: passes of association and tracking, each with the tracks of the previous pass as
             priors.
-        position_jitter: H0 per frame that no velocity explains.
+        position_jitter: displacement that no velocity explains, H0 per frame.
         height_jitter: H0 per frame.
         fastest: H0 per frame and axis; longer steps are errors, and half of it is assumed until
-            enough steps were seen.
+            enough steps have been seen.
         memory: correlation of the velocity over one frame, until it has been estimated.
         sudden: factor by which identities forget velocities faster than people do on average.
-        gap: frames for which a track may be unseen.
+        gap: frames for which a track may go unseen.
         gap_penalty: log-odds for each of these frames.
-        evidence_limit: bound of one frame's log-odds; half of it makes a group sure, or hopeless.
-        change_evidence: summed log-odds that a track must reach to appear, and to vanish and come
-            back.
+        evidence_limit: bound on one frame's log-odds; half of it makes a group certain, or
+            hopeless.
+        change_evidence: summed log-odds that a track must reach to appear, and to vanish and
+            return.
 
         personal_space: tracks closer than this in a frame are one person, and the better supported
             one is kept; 0 switches it off.
-        sway: how far the body's center strays from the point called its position; common to all
-            cameras and therefore invisible in the residuals between them.
-        unevenness: how far off the plane people stand.
+        sway: distance of the body's center from its position; common to all cameras and therefore
+            invisible in the residuals between them.
+        unevenness: standard deviation of the feet from the plane.
         report_radius: a position is reported if it is more likely than not to be correct within
             this many H0.
         working_sigma: largest predicted uncertainty, relative to the typical place.
-        most_places: share of the places that are in the usual number of images, or in more.
-        missing_views: a place is outside the working area if the whole body is in fewer images
-            there than usual, by at least this share of the cameras that see anybody. If the usual
-            number is less than that, or than `witnesses`, none is excluded.
+        most_places: share of the places that are in at least the usual number of images.
+        missing_views: a place is outside the working area if the number of images that show the
+            whole body is below the usual number by at least this share of the cameras that see
+            anybody. If the usual number is less than that, or than `witnesses`, no place is
+            excluded.
     """
 
     not_zero = frozenset(
@@ -168,8 +175,8 @@ class EvidenceSettings(CheckedSettings):
     ankle_factor: float = constant(
         1.7,
         "physical",
-        "feet hidden behind a shin or a curb are about 8 % of the height off, against 5 % in the "
-        "open",
+        "feet hidden behind a shin or a curb are off by about 8 % of the height, against 5 % in "
+        "the open",
     )
     lower_body: float = constant(0.3, "physical", "the legs from the knees down")
     cover_ramp: tuple[float, float] = constant(
@@ -196,8 +203,7 @@ class EvidenceSettings(CheckedSettings):
         0.1,
         "physical",
         "one bottom edge in ten is not a foot (bags, furniture, reflections); the share of the "
-        "uniform part of the mixture, and of the times when heights say nothing about who "
-        "somebody is",
+        "uniform part of the mixture, and of cases in which heights do not help to identify people",
     )
     largest_sigma: float = constant(
         2.5, "decision", "a view less precise than a room carries no information"
@@ -212,8 +218,8 @@ class EvidenceSettings(CheckedSettings):
     least_noise: float = constant(
         0.7,
         "physical",
-        "no detector is better than 0.7 of the usual edges on moving people; lower estimates are "
-        "due to groups selected for agreement",
+        "no detector has less than 0.7 of the usual edge noise on moving people; lower estimates "
+        "are due to groups selected for agreement",
     )
     angular_noise_range: tuple[float, float] = constant(
         (0.001, 0.012),
@@ -225,7 +231,7 @@ class EvidenceSettings(CheckedSettings):
         "physical",
         "0.6 % of the focal length, 0.3 degrees, is a fairly well known pitch or principal point; "
         "3 % of the box height is a detector that draws loose boxes. The boxes of one person share "
-        "their errors, so twice as much would follow those of few people",
+        "their errors, so a prior twice as wide would follow the errors of few people",
     )
     height_spread_range: tuple[float, float] = constant(
         (0.03, 0.12),
@@ -241,8 +247,8 @@ class EvidenceSettings(CheckedSettings):
     appearance_weight: float = constant(
         0.5,
         "decision",
-        "pairwise ratios of one person are not independent: of the six pairs of four views three "
-        "are independent, which is half; the boxes of a track's next group count as independent",
+        "pairwise ratios of one person are not independent: of the six pairs of four views, only "
+        "three (half) are; the boxes of a track's next group count as independent",
     )
     appearance_limit: float = constant(
         4.0, "decision", "one pair of images never claims less than one error in fifty (exp 4)"
@@ -250,13 +256,15 @@ class EvidenceSettings(CheckedSettings):
     gate: float = constant(
         16.0,
         "decision",
-        "99.97 % in two dimensions: it finds candidates only, and evidence decides",
+        "99.97 % in two dimensions: it only finds candidates, and evidence decides",
     )
 
     # Weigh: misses and clutter.
     witnesses: int = constant(3, "decision", "two cameras may agree on a ghost, three do not")
     body_ramp: tuple[float, float] = constant(
-        (0.3, 0.7), "physical", "detectors miss most people of whom they see the legs or the head"
+        (0.3, 0.7),
+        "physical",
+        "detectors miss most people if only the legs or the head are in view",
     )
     cover_edges: tuple[float, float, float, float] = constant(
         (0.15, 0.4, 0.7, 0.95),
@@ -283,7 +291,9 @@ class EvidenceSettings(CheckedSettings):
         "it; above ten a place shows no people anyway",
     )
     outage_expected: float = constant(
-        3.0, "decision", "an empty picture of three expected people is 5 % chance, or an outage"
+        3.0,
+        "decision",
+        "an empty picture where three people are expected has a chance of 5 %, or is an outage",
     )
 
     # Follow: tracks and presence.
@@ -335,9 +345,9 @@ class EvidenceSettings(CheckedSettings):
         0.3, "physical", "half a meter for adults, the usual criterion for a correct position"
     )
     working_sigma: float = constant(
-        2.8, "decision", "an eighth of the information that is typical of the places"
+        2.8, "decision", "an eighth of the information of a typical place"
     )
     most_places: float = constant(
-        0.6, "decision", "a clear majority: the others are where people go now and then"
+        0.6, "decision", "a clear majority: people go to the others only now and then"
     )
     missing_views: float = constant(0.5, "decision", "half of the cameras that see anybody")

@@ -46,7 +46,7 @@ class Information:
         return Information(self.matrix[rows], self.vector[rows], self.constant[rows])
 
     def summed(self, member: Int[np.ndarray, "group m"]) -> "Information":
-        """Sum the rows of each group, -1 for none."""
+        """Sum the rows of each group; -1 stands for no row."""
         rows, present = np.maximum(member, 0), member >= 0
         return Information(
             np.where(present[..., None, None], self.matrix[rows], 0.0).sum(1),
@@ -89,7 +89,7 @@ def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:
 
 
 def log_evidence(info: Information, density: Any, spread: Any) -> Any:
-    """Log evidence log Z that a group of boxes is one person, up to the omitted factor.
+    """Log evidence log Z that a group of boxes shows one person, up to the omitted factor.
 
     Args:
         info: (...) summed information without the height prior.
@@ -115,7 +115,7 @@ def invert_symmetric(matrix: Any) -> Any:
 
 
 def symmetrized(matrix: Float[np.ndarray, "*n d d"]) -> Float[np.ndarray, "*n d d"]:
-    """Matrices that are symmetric but for rounding, symmetric to the last bit."""
+    """Symmetrize matrices that are symmetric up to rounding."""
     return (matrix + np.swapaxes(matrix, -1, -2)) / 2
 
 
@@ -129,10 +129,10 @@ def mean_and_covariance(info: Information, spread: Any) -> tuple[Any, Any]:
 def probability_within(
     covariance: Float[np.ndarray, "n 2 2"], radius: float
 ) -> Float[np.ndarray, " n"]:
-    """Probability that a Gaussian error stays within a radius of the same unit."""
+    """Probability that a Gaussian error is at most a radius in the same unit."""
     values = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 1e-12))
     # Integrate over the disc in polar coordinates of the whitened plane: radially in closed form,
-    # numerically over the angle, of which one quadrant shows all.
+    # numerically over the angle; one quadrant suffices by symmetry.
     angle = (np.arange(16) + 0.5) * (np.pi / 32)
     stretch = (values[:, :1] * np.cos(angle)) ** 2 + (values[:, 1:] * np.sin(angle)) ** 2
     return (1 - np.exp(-0.5 * radius**2 / stretch)).mean(1)

@@ -1,10 +1,10 @@
-"""Huber's loss by iterative reweighting, and linear regression with it and a Gaussian prior."""
+"""Linear regression with Huber's loss, by iterative reweighting, and a Gaussian prior."""
 
 import numpy as np
 from jaxtyping import Float
 
 WIDTH = 1.5  # standard deviations beyond which the loss is linear (Huber 1981)
-REWEIGHTED = 3  # times; more changes little
+REWEIGHTED = 3  # iterations; more change little
 
 
 def huber_regression(
@@ -13,18 +13,17 @@ def huber_regression(
     prior: Float[np.ndarray, " p"],
     scale: float,
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-    """Fit coefficients to rows that are divided by their standard deviations.
+    """Fit coefficients to whitened rows.
 
     Args:
-        columns: (n, p) what each coefficient adds.
-        target: (n,) to be explained.
-        prior: (p,) standard deviations of the coefficients about zero; infinite for those that the
-            rows determine.
+        columns: (n, p) design matrix.
+        target: (n,) observations.
+        prior: (p,) standard deviations of the coefficients about zero; infinite for no prior.
         scale: standard deviation of the rows.
 
     Returns:
-        coefficients: (p,) the most likely ones.
-        covariance: (p, p) of these, if rows are independent.
+        coefficients: (p,) most likely values.
+        covariance: (p, p) covariance of the coefficients, if rows are independent.
 
     Source:
         Huber, "Robust estimation of a location parameter" (1964), for the loss.
@@ -42,5 +41,5 @@ def huber_regression(
 
 
 def huber_weight(residual: Float[np.ndarray, "*n"], scale: float) -> Float[np.ndarray, "*n"]:
-    """Weights by which least squares has the gradient of Huber's loss, 1 for small residuals."""
+    """Weights that give least squares the gradient of Huber's loss; 1 for small residuals."""
     return np.minimum(1, WIDTH * scale / np.maximum(np.abs(residual), 1e-12))

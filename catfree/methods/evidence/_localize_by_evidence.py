@@ -22,8 +22,8 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Candidates, Detections, Fate, Localization, Scene, Thresholds
 from catfree.types._annotations import Progress
 
-GROUND_TOLERANCE = 0.15  # of a person's height, by which feet may be off the ground unmentioned
-USUAL_HEIGHTS = (1.0, 2.5)  # meters; medians beyond show another unit
+GROUND_TOLERANCE = 0.15  # of a person's height; feet farther off the ground are reported
+USUAL_HEIGHTS = (1.0, 2.5)  # meters; a median height outside indicates another unit
 
 
 def localize_by_evidence(
@@ -43,7 +43,7 @@ def localize_by_evidence(
         scene: rig and ground in any units and frame of reference.
         settings: constants and switches.
         keep: (N,) detections to use; None for all.
-        silent: (K, 2) frame and camera of pictures that do not exist.
+        silent: (K, 2) frame and camera of missing pictures.
         camera_names: names for warnings.
         progress: called as `progress(stage, done, total)`.
 
@@ -72,7 +72,7 @@ def describe(
         solution: the result of `solve`.
         detections: the boxes passed to `solve`.
         scene: the scene passed to `solve`.
-        settings: those that were passed to `solve`.
+        settings: the settings passed to `solve`.
         camera_names: names for warnings.
 
     Returns:
@@ -86,7 +86,7 @@ def describe(
     fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
     present = np.flatnonzero((s.trails.group >= 0) & (s.fate != Fate.TRACKING))
     fate[s.trails.group[present]] = s.fate[present]
-    with float_width_of(s.boxes.box):  # before the results take memory
+    with float_width_of(s.boxes.box):  # before the results take up memory
         rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
         bend = lens_bends(s)
         patterns = residual_patterns(s)
@@ -132,11 +132,11 @@ def describe(
 
 
 def ground_warnings(height: float, person_height: float, scene: Scene) -> tuple[str, ...]:
-    """One sentence each if a metric scene has another unit, and if feet are far off the ground.
+    """Warn if a scene that claims meters has another unit, and if feet are far off the ground.
 
     Args:
-        height: `Reliability.ground_height`, NaN if it is not known.
-        person_height: in the same unit.
+        height: `Reliability.ground_height`, NaN if unknown.
+        person_height: median height in the same unit.
         scene: for the name of the unit.
     """
     warnings = []
@@ -159,9 +159,9 @@ def ground_warnings(height: float, person_height: float, scene: Scene) -> tuple[
 def _expected_rates(
     solution: EvidenceState, rows: np.ndarray, fate: np.ndarray, radius: float
 ) -> tuple[float, float]:
-    """Expected precision and recall by the probabilities of reported and rejected candidates.
+    """Expected precision and recall, from the probabilities of reported and rejected candidates.
 
-    Suppressed candidates do not count as missed: they duplicate a reported person.
+    Suppressed candidates do not count as missed because they duplicate a reported person.
     """
     s = solution
     within = probability_within(s.position_covariance[rows], radius)

@@ -36,21 +36,21 @@ def solve(
     progress: Progress | None = None,
     finish: bool = True,
 ) -> EvidenceState:
-    """Find the people of a sequence from the evidence of boxes and of missing boxes.
+    """Find the people of a sequence from boxes and missing boxes.
 
     Args:
-        detections: boxes of all cameras and frames, in any order; compiled functions compute in
-            their float width.
+        detections: boxes of all cameras and frames, in any order; their float width is used by
+            compiled functions.
         scene: rig and ground in any units; cameras that are not registered are ignored.
         settings: constants and switches.
         keep: (N,) detections to use; None for all.
-        silent: (K, 2) frame and camera of pictures that do not exist.
+        silent: (K, 2) frame and camera of missing pictures.
         progress: called as `progress(stage, done, total)`.
-        finish: whether to mend identities over the whole sequence and to add the errors of poses
-            to the covariances. A bundle adjustment needs neither.
+        finish: whether to repair identities over the whole sequence and to add pose errors to the
+            covariances. A bundle adjustment needs neither.
 
     Returns:
-        Tracks and all intermediate results, regardless of JAX's configuration.
+        Tracks and all intermediate results; they do not depend on JAX's configuration.
 
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
@@ -59,10 +59,10 @@ def solve(
     report = as_progress(progress)
     with float_width_of(detections.box):
         report("self-calibration", 0, 1)
-        # Nothing else holds the used detections: they may be a copy of all embeddings.
+        # Keep no other reference to the used detections: they may be a copy of all embeddings.
         learned = self_calibrate(detections if keep is None else detections[keep], scene, settings)
         state = observe_boxes(detections, scene, *learned, settings, silent, keep)
-        # The tracks of one round are the priors of the next.
+        # The tracks of each round are the priors of the next.
         rounds = settings.passes if state.is_tracked(settings) else 1
         passes = (learn_looks, *(ASSOCIATE * rounds), choose_reported, *(FINISH * finish))
         for index, run in enumerate(passes):

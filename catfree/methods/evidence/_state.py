@@ -1,4 +1,4 @@
-"""`EvidenceState`: everything that the passes of the evidence method know about a sequence."""
+"""`EvidenceState`: everything that the evidence method knows about a sequence."""
 
 from dataclasses import replace
 
@@ -25,26 +25,26 @@ from catfree.types import Fate
 
 
 class EvidenceState(eqx.Module):
-    """What the passes know so far, in units of H0 on the plane (see `GroundViews`).
+    """Everything known so far, in units of H0 on the plane (see `GroundViews`).
 
-    A state is complete at any time: before the passes that fill them in, there are no groups, no
-    tracks and no reported rows, and what is learned from them has its value before learning.
+    A state is always complete: until their passes have run, there are no groups, tracks or reported
+    rows, and learned quantities have their initial values.
 
     Attributes:
         boxes, views, noise, measurements: the boxes, their cameras, noise and likelihoods.
-        ratios: compares the embeddings of boxes; None if they do not tell people apart.
+        ratios: compares the embeddings of boxes; None if they do not discriminate people.
         groups: boxes of one person in one frame.
         place: (H, 3) position and height of each group.
-        rate: how often each camera detects a person in view.
+        rate: detection rate of each camera.
         existence: the evidence for each group.
-        motion: how people walk.
+        motion: motion model of the people.
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows.
         probability: (M,) that the person was present.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
         coverage: (M, 2) ground uncertainty and number of images with the whole body, both without
-            occlusion, of reported rows and those outside the working area; NaN of others.
-        fate: (M,) values of `Fate`: why a row is not reported, `TRACKING` where nobody is present.
-        identity: (M,) who it is, of reported rows; -1 of others.
+            occlusion, of reported rows and those outside the working area; NaN for others.
+        fate: (M,) values of `Fate`: why a row is not reported; `TRACKING` where nobody is present.
+        identity: (M,) identity of reported rows; -1 for others.
     """
 
     boxes: Boxes
@@ -76,11 +76,11 @@ class EvidenceState(eqx.Module):
         return np.flatnonzero(self.kept & (self.trails.group >= 0))
 
     def population(self, settings: EvidenceSettings, dim: int = 0) -> Population:
-        """What the state knows of all people and frames together.
+        """The quantities common to all people and frames.
 
         Args:
             settings: constants and switches.
-            dim: numbers per embedding where looks say nothing.
+            dim: embedding length to use if embeddings are uninformative.
         """
         density, spread = float(self.noise.density), float(self.noise.spread)
         looks, likeness = no_looks(len(self.groups), dim), None
@@ -91,12 +91,12 @@ class EvidenceState(eqx.Module):
         return Population(time, motion, density, spread, settings, looks, likeness)
 
     def is_tracked(self, settings: EvidenceSettings) -> bool:
-        """Return whether people are followed over time; those of a single instant are not."""
+        """Return whether people are tracked over time, which needs more than one instant."""
         return settings.track and settings.passes > 0 and len(self.boxes.frames) > 1
 
 
 def with_groups(state: EvidenceState, groups: Groups) -> EvidenceState:
-    """The state with other groups: nothing is known of them, and the tracks of the old ones go."""
+    """Replace the groups, dropping the old tracks and everything known about the old groups."""
     place, _ = mean_and_covariance(groups.info, float(state.noise.spread))
     return replace(
         with_tracks(state, no_trails(), np.zeros(0), np.zeros(0)),
@@ -112,7 +112,7 @@ def with_tracks(
     evidence: Float[np.ndarray, " node"],
     probability: Float[np.ndarray, " node"],
 ) -> EvidenceState:
-    """The state with other tracks, none of which is reported."""
+    """Replace the tracks, without reporting any of them yet."""
     return replace(
         state,
         trails=trails,

@@ -14,18 +14,18 @@ from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._embeddings import BLOCK, Embeddings
 from catfree.settings import EvidenceSettings
 
-SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
-NUMBERS_AT_A_TIME = 1 << 18  # of embeddings compared together: fits a cache
+SMALLEST_SPREAD = 0.01  # cosine distance; samples with less spread are copies
+NUMBERS_AT_A_TIME = 1 << 18  # of embeddings compared together; fits a cache
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class Likeness:
-    """Gaussians of the cosine distance between boxes of one person and of two people.
+    """Gaussian models of the cosine distance between boxes of one person and of two people.
 
     Attributes:
         same: () mean and deviation for one person; `other`: for two people.
-        limit: bound of the absolute log-likelihood ratio, before it is weighted.
+        limit: bound on the absolute log-likelihood ratio, before weighting.
         weight: discount of the ratio.
     """
 
@@ -35,9 +35,9 @@ class Likeness:
     weight: float
 
     def __call__(self, distance: np.ndarray) -> np.ndarray:
-        """Weighted log-likelihood ratio 'same person' against 'another person of the frame'."""
+        """Weighted log-likelihood ratio of 'same person' against 'another person in the frame'."""
         (m1, s1), (m0, s0) = self.same, self.other
-        # Beyond a Gaussian's mean the ratio stays constant, so that it is monotonic.
+        # Beyond the mean of either Gaussian the ratio is held constant, so that it is monotonic.
         d = np.clip(distance, m1, m0)
         ratio = np.log(s0 / s1) - 0.5 * ((d - m1) / s1) ** 2 + 0.5 * ((d - m0) / s0) ** 2
         return self.weight * np.clip(ratio, -self.limit, self.limit)
@@ -49,7 +49,7 @@ class PairRatios:
     """Log-likelihood ratios of pairs of boxes.
 
     Attributes:
-        embedding: of the boxes.
+        embedding: embeddings of the boxes.
         likeness: maps a distance to a log-likelihood ratio.
     """
 
@@ -59,7 +59,7 @@ class PairRatios:
     def __call__(
         self, one: Int[np.ndarray, " pair"], two: Int[np.ndarray, " pair"]
     ) -> Float[np.ndarray, " pair"]:
-        """Ratios of pairs of boxes, given by their rows; 0 where one has no embedding."""
+        """Ratios of pairs of boxes, given by row; 0 where either has no embedding."""
         cosine = np.empty(len(one), np.float32)
         step = max(NUMBERS_AT_A_TIME // self.embedding.dim, 1)
         for begin in range(0, len(one), step):
@@ -75,10 +75,10 @@ class PairRatios:
 
 
 def learn_ratios(boxes: Boxes, groups: Groups, settings: EvidenceSettings) -> PairRatios | None:
-    """Learn what embeddings say about who is who from groups with enough views.
+    """Learn the likelihood ratio of embeddings from groups with enough views.
 
     Fits Gaussians (median and MAD) to the distances within and between the groups of each frame.
-    Returns None without embeddings, if there are too few pairs, or if distances do not discriminate
+    Returns None if there are no embeddings or too few pairs, or if distances do not discriminate
     people.
     """
     if boxes.embedding is None:
@@ -89,7 +89,8 @@ def learn_ratios(boxes: Boxes, groups: Groups, settings: EvidenceSettings) -> Pa
     for begin, end in pairwise([*begins, len(strong)]):
         member = groups.member[strong[begin:end]]
         looks, known = boxes.embedding[member], (member >= 0) & boxes.embedding.exists(member)
-        # Products of few rows: BLAS divides larger ones among threads, which wait for each other.
+        # Multiply few rows at a time: BLAS splits larger products among threads that wait for each
+        # other.
         for one, two in combinations(range(member.shape[1]), 2):
             left, right = (np.flatnonzero(known[:, camera]) for camera in (one, two))
             distance = 1 - looks[left, one] @ looks[right, two].T
@@ -107,9 +108,9 @@ def learn_ratios(boxes: Boxes, groups: Groups, settings: EvidenceSettings) -> Pa
 
 
 def appearance_log_odds(groups: Groups, ratios: PairRatios | None) -> Float[np.ndarray, " group"]:
-    """Appearance log-odds of each group: the mean pairwise ratio times the k - 1 new boxes.
+    """Appearance log-odds of each group of k boxes: the mean pairwise ratio times k - 1.
 
-    Boxes without embedding do not count.
+    Boxes without an embedding do not count.
     """
     total = np.zeros(len(groups))
     if ratios is None:
@@ -122,10 +123,10 @@ def appearance_log_odds(groups: Groups, ratios: PairRatios | None) -> Float[np.n
 
 
 class Looks(NamedTuple):
-    """Embeddings of sets of boxes; the mean distance between two sets follows from their sums.
+    """Summed embeddings of sets of boxes, from which mean distances between sets follow.
 
     Attributes:
-        total: (N, D) sum of the embeddings of each set; D is 0 where looks say nothing.
+        total: (N, D) sum of the embeddings of each set; D is 0 if embeddings are uninformative.
         boxes: (N,) number of boxes with an embedding.
     """
 
@@ -143,10 +144,10 @@ class Looks(NamedTuple):
 
 
 class GroupLooks(NamedTuple):
-    """Looks of groups, added up where they are needed: those of all groups would fill memory.
+    """Looks of groups, summed on demand because those of all groups would fill memory.
 
     Attributes:
-        embedding: of the boxes.
+        embedding: embeddings of the boxes.
         member: (H, C) boxes of each group, -1 for none.
     """
 
@@ -179,13 +180,13 @@ def compare_looks(
     """Log-likelihood ratio that two sets of boxes show one person rather than two.
 
     Args:
-        one: of T sets.
-        two: of K sets.
-        new: (K,) for how many new boxes each of these counts.
-        likeness: maps a distance to the ratio of one box; None if looks say nothing.
+        one: looks of T sets.
+        two: looks of K sets.
+        new: (K,) number of new boxes that each of the K sets counts as.
+        likeness: maps a distance to the ratio of one box; None if looks are uninformative.
 
     Returns:
-        (T, K), zero where one of the two has no embedding.
+        (T, K), zero where either has no embedding.
     """
     if likeness is None:
         return np.zeros((len(one.boxes), len(two.boxes)))
@@ -195,7 +196,7 @@ def compare_looks(
 
 
 def no_looks(sets: int, dim: int = 0) -> Looks:
-    """Looks of so many sets without an embedding, which would have `dim` numbers."""
+    """Looks of sets without embeddings, with room for `dim` numbers each."""
     return Looks(np.zeros((sets, dim)), np.zeros(sets, np.int64))
 
 

@@ -24,7 +24,7 @@ def group(
 
     Args:
         boxes: the boxes.
-        measured: the boxes as likelihoods; those that are not valid stay out.
+        measured: the boxes as likelihoods; invalid ones are left out.
         noise: for the density of people and the spread of their heights.
         gate: largest squared Mahalanobis distance of two boxes that may start or join a group.
         priors: where tracks expect people, if any.

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.observe._measurement import Noise
 
-VAGUE = 1e-6  # per H0²: a kilometer, which is no prior at all
+VAGUE = 1e-6  # per H0²: a standard deviation of a kilometer, in effect no prior
 
 
 @jax.tree_util.register_dataclass
@@ -21,7 +21,8 @@ class Groups:
         frame: (H,) frame index.
         member: (H, C) row of `Boxes`, or -1.
         info: (H) information of the boxes alone, without priors.
-        gain: (H,) log evidence for one person minus that for separate ones, without appearance.
+        gain: (H,) log evidence for one person minus that for one person per box, without
+            appearance.
     """
 
     frame: Int[np.ndarray, " group"]
@@ -53,13 +54,13 @@ class Priors:
     info: Information
 
     def between(self, begin: int, end: int) -> "Priors":
-        """Select those of the frames from `begin` up to `end`."""
+        """Select the frames from `begin` up to, but not including, `end`."""
         rows = (self.frame >= begin) & (self.frame < end)
         return Priors(self.frame[rows], self.info[rows])
 
 
 def no_groups(cameras: int) -> Groups:
-    """No groups, of boxes of so many cameras."""
+    """Return an empty set of groups for a number of cameras."""
     info = Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
     rows = np.zeros(0, np.int64)
     return Groups(rows, np.zeros((0, cameras), np.int64), info, np.zeros(0))
@@ -71,7 +72,7 @@ def priors_of(
     vector: Float[np.ndarray, "prior 3"],
     noise: Noise,
 ) -> Priors:
-    """Priors from what is known of the people; what is left of nothing after rounding is vague.
+    """Make priors of people; where only rounding errors are known, they are vague.
 
     Args:
         frame: (T,) frame index.

@@ -1,8 +1,8 @@
 """Greedy merging of boxes into people by the gain in log evidence.
 
 The frames of a run are merged together in rounds. Each round merges every pair of groups that are
-each other's best partner. A gain depends only on the two groups: the result is exactly that of
-merging one best pair at a time, and only pairs of groups that changed are weighed again.
+each other's best partner. Because a gain depends only on the two groups, the result is exactly that
+of merging the best pair one at a time, and only pairs with a changed group are weighed again.
 """
 
 from collections.abc import Callable
@@ -17,11 +17,11 @@ from scipy.spatial import KDTree
 from catfree.methods.evidence._gaussian import Information, log_evidence, with_height_prior
 from catfree.methods.evidence.group._groups import Groups, Priors
 
-# Log-likelihood ratio of the looks of pairs of boxes, given by their rows.
+# Log-likelihood ratio of the looks of pairs of boxes, given by row.
 PairRatio = Callable[[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]], np.ndarray]
 
-PAIR_BLOCK = 2**11  # pairs computed at a time: fits a cache
-PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
+PAIR_BLOCK = 2**11  # pairs computed at a time; fits a cache
+PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together; fits a cache
 
 
 def close_pairs(
@@ -31,7 +31,7 @@ def close_pairs(
     camera: Int[np.ndarray, " item"],
     gate: float,
 ) -> Int[np.ndarray, "pair 2"]:
-    """Find pairs of items of one frame and different cameras within the gate.
+    """Find pairs of items within the gate, in the same frame but different cameras.
 
     Args:
         position: (N, 2) in H0.
@@ -48,12 +48,12 @@ def close_pairs(
         return np.zeros((0, 2), np.int64)
     xx, xy, yy = (covariance[:, k, m] for k, m in ((0, 0), (0, 1), (1, 1)))
     widest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)  # variance along the longest axis
-    # Each pair is found once, from its less certain member.
+    # Find each pair once, from its less certain member.
     order = np.argsort(widest, kind="stable")
     xx, xy, yy, widest = (values[order] for values in (xx, xy, yy, widest))
     (x, y), instant, view = position[order].T, frame[order], camera[order]
     reach = np.sqrt(2 * gate * widest)
-    far = 4 * (np.abs(position).max() + reach[-1]) + 1  # separates frames
+    far = 4 * (np.abs(position).max() + reach[-1]) + 1  # keeps frames apart
     place = np.column_stack([x, y, instant * far])
     tree = KDTree(place)
     pairs = []
@@ -84,11 +84,12 @@ def close_pairs(
 def _searches(reach: Float[np.ndarray, " n"], crowd: int) -> list[tuple[int, int]]:
     """Runs of items, as (first, end), whose neighbors are searched together.
 
-    Their reaches differ by less than a factor of two, and all their neighbors fit into memory.
+    Within a run, search radii differ by less than a factor of two, and all neighbors fit into
+    memory.
 
     Args:
         reach: (n,) search radius of each item, ascending.
-        crowd: items of the fullest instant, an upper bound on the neighbors of one item.
+        crowd: number of items in the fullest instant, an upper bound on the neighbors of one item.
     """
     octaves = np.flatnonzero(np.diff(np.ceil(np.log2(reach / reach[0])))) + 1
     step = max(PAIRS_AT_A_TIME // crowd, 1)
@@ -108,7 +109,7 @@ def merge_groups(
     spread: float,
     ratio: PairRatio | None = None,
 ) -> Int[np.ndarray, "item cam"]:
-    """Merge while any pair gains.
+    """Merge pairs of groups until no merge gains evidence.
 
     Args:
         info: (N) information of each item.
@@ -116,14 +117,15 @@ def merge_groups(
         cameras: C.
         pairs: (P, 2) rows of candidate pairs.
         density: people per H0².
-        spread: of heights in H0.
-        ratio: of the looks of boxes, which come before priors; None to ignore looks.
+        spread: standard deviation of heights in H0.
+        ratio: appearance ratio of pairs of boxes, which precede the priors; None to ignore
+            appearance.
 
     Returns:
-        (N, C) the boxes of the group whose first item this is, -1 for none and for other items.
+        (N, C) boxes of each group, in the row of its first item; -1 elsewhere.
     """
     count = len(camera)
-    info = jax.tree.map(np.array, info)  # a copy: the sums of the groups
+    info = jax.tree.map(np.array, info)  # a copy, which becomes the sums of the groups
     member = np.where(camera[:, None] == np.arange(cameras + 1), np.arange(count)[:, None], -1)
     evidence, items = np.zeros(count), _distinct(pairs.ravel())
     evidence[items] = log_evidence(info[items], density, spread)
@@ -154,7 +156,7 @@ def merge_groups(
         member[absorbed] = -1
         target, changed = np.arange(count), np.zeros(count, bool)
         target[absorbed], changed[kept], changed[absorbed] = kept, True, True
-        # Only pairs of groups that changed gain something else than before.
+        # Only the gains of pairs with a changed group differ from before.
         again = changed[one] | changed[two]
         ends = np.sort(target[np.stack([one[again], two[again]])], axis=0)
         added = np.stack(np.divmod(_distinct(ends[0] * count + ends[1]), count))
@@ -164,7 +166,7 @@ def merge_groups(
 
 
 def _distinct(rows: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
-    """The distinct rows, ascending; `numpy.unique` hashes them, which takes longer."""
+    """The distinct rows, ascending; faster than `numpy.unique`, which hashes."""
     ordered = np.sort(rows)
     return ordered[np.diff(ordered, prepend=-1) > 0]
 
@@ -175,7 +177,7 @@ def _mutually_best(
     gain: Float[np.ndarray, " pair"],
     count: int,
 ) -> tuple[Int[np.ndarray, " merge"], Int[np.ndarray, " merge"]]:
-    """Find the groups that gain most from each other, the first row of each pair first."""
+    """Find the pairs of groups that gain most from each other, lower row first."""
     best, partner = np.zeros(count), np.full(count, count)
     np.maximum.at(best, one, gain)
     np.maximum.at(best, two, gain)
@@ -208,9 +210,9 @@ def merge_boxes(
         valid: (N,) which boxes to group.
         cameras: C.
         density: people per H0².
-        spread: of heights in H0.
+        spread: standard deviation of heights in H0.
         gate: largest squared Mahalanobis distance of two boxes that may start or join a group.
-        ratio: of the looks of boxes; None to ignore looks.
+        ratio: appearance ratio of pairs of boxes; None to ignore appearance.
         priors: predictions of the tracks.
 
     Returns:
@@ -236,5 +238,5 @@ def merge_boxes(
 
 
 def _joined(values: Any, more: Any) -> Any:
-    """Rows followed by more rows."""
+    """Concatenate rows."""
     return jax.tree.map(lambda *parts: np.concatenate(parts), values, more)

@@ -19,15 +19,16 @@ from catfree.methods.evidence.observe._sightings import predicted_edges
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
 
-LARGEST_CHANGE = 2.0  # factor of noise per round: groups were made with the old noise
-STEP = 2 / np.pi**0.5  # H0: 4 H0² of ground around each person are in use
-SPACING = STEP / 6  # of the lattice that measures this area: a few percent error for one person
+LARGEST_CHANGE = 2.0  # factor of noise per round, because groups were made with the old noise
+STEP = 2 / np.pi**0.5  # H0; each person uses 4 H0² of ground
+SPACING = STEP / 6  # of the lattice that measures this area, to a few percent for one person
 
 
 def median_height(boxes: Boxes, views: GroundViews) -> float:
     """Median height implied by whole boxes, in units of the views' H0; NaN if there are none.
 
-    The bottom of a box counts as below the body: where the visible foot is depends on the height.
+    The bottom of a box is taken to be below the body, because the place of the visible foot depends
+    on the height.
     """
     matrix, inverse = views.matrix[boxes.view], views.ground_inverse[boxes.view]
     place = drop_to_height(inverse, boxes.edges[:, [0, 2]])
@@ -43,7 +44,7 @@ class LeftOut(NamedTuple):
     Attributes:
         residual: (n, 3) observed minus predicted edges in pixels of the box's pinhole.
         sd: (n, 3) expected standard deviation of the residuals.
-        used: (n, 3) whether the residual says something about cameras and noise.
+        used: (n, 3) whether the residual is informative about cameras and noise.
     """
 
     residual: Float[np.ndarray, "n 3"]
@@ -60,7 +61,7 @@ def left_out_residuals(
     views: GroundViews,
     noise: Noise,
 ) -> LeftOut:
-    """Compare boxes, given by their rows, with the other boxes of their groups."""
+    """Compare boxes, given by row, with the other boxes of their groups."""
     others = jax.tree.map(np.subtract, groups.info[group], measurements.info[row])
     state, covariance = mean_and_covariance(others, noise.spread)
     view = boxes.view[row]
@@ -82,11 +83,11 @@ def learn_noise(
     views: GroundViews,
     settings: EvidenceSettings,
 ) -> tuple[Noise, float]:
-    """Learn once from groups with enough cameras, or two if there are too few such groups.
+    """Learn once from groups with enough cameras, or from groups with two if those are too few.
 
     Args:
         noise: the current noise.
-        groups: groups made with it.
+        groups: groups made with the current noise.
         measurements: the boxes as likelihoods.
         boxes: the boxes.
         views: the cameras.
@@ -99,14 +100,14 @@ def learn_noise(
     cameras, C = is_member.sum(1), groups.member.shape[1]
     strong = np.flatnonzero(cameras >= settings.witnesses)
     if len(strong) < settings.fewest_samples:
-        # Pairs are selected for agreement, which underestimates the noise; not learning is worse.
+        # Pairs are selected for agreement, which biases the noise low, but not learning is worse.
         strong = np.flatnonzero(cameras >= 2)
     if len(strong) < settings.fewest_samples:
         return noise, 1.0
     state, covariance = mean_and_covariance(groups.info[strong], noise.spread)
     heights = state[:, 2]
     center = float(np.median(heights))
-    # Estimates shrink toward their prior; their posterior variance compensates for that.
+    # Adding the posterior variance compensates for the shrinkage of estimates toward their prior.
     sample_spread = deviation_of(heights - center)
     spread = float(np.hypot(sample_spread, np.sqrt(np.median(covariance[:, 2, 2])))) / center
     spread = float(np.clip(spread, *settings.height_spread_range))
@@ -126,7 +127,7 @@ def learn_noise(
         view = boxes.view[row]
         predicted, slopes = predicted_edges(state[g], views.matrix[view], views.station[view])
         offset, slopes = boxes.edges[row] - predicted, slopes[..., :3]
-        # The common error of a camera's boxes is what is looked for, not a noise of each.
+        # The error sought is common to a camera's boxes, not independent noise of each box.
         common = noise.angular * views.focal[view, None]
         weight = huber_weight(z, deviation_of(z[used])) / (measurements.noise[row] ** 2 - common**2)
         seen = used.any(1) & np.isfinite(offset).all(1) & np.isfinite(slopes).all((1, 2))
@@ -159,20 +160,20 @@ def learn_noise(
 
 
 def change_of_noise(z: Float[np.ndarray, " n"]) -> float:
-    """Factor on the noise in one round by which residuals would have a deviation of 1."""
+    """Factor on the noise, limited per round, that brings the deviation of the residuals to 1."""
     return float(np.clip(deviation_of(z), 1 / LARGEST_CHANGE, LARGEST_CHANGE))
 
 
 def deviation_of(z: Float[np.ndarray, " n"]) -> float:
-    """Standard deviation of residuals around 0 by their median size, at least a millionth."""
+    """Standard deviation of residuals about 0 from their median size, at least a millionth."""
     return max(MEDIAN_TO_DEVIATION * float(np.median(np.abs(z))), 1e-6)
 
 
 def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -> float:
     """People per H0² of the ground in use.
 
-    This is all ground within `STEP` of a position, and at least the ellipse over which the
-    positions scatter, because in few frames people have not yet been everywhere. The former is
+    The ground in use is all ground within `STEP` of a position, but at least the ellipse over which
+    the positions scatter, because in few frames people have not yet been everywhere. The former is
     measured on a lattice along the principal axes of the positions, so it does not depend on the
     orientation of the scene.
 
@@ -186,11 +187,11 @@ def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -
     place = away @ axes / SPACING
     reach = STEP / SPACING
     near = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
-    # Points are half a step off the axes, so the sign of the axes makes no difference.
+    # Points are half a step off the axes, so the sign of the axes does not matter.
     point = np.floor(place)[:, None] + np.stack(np.meshgrid(near, near), -1).reshape(-1, 2)
     used = np.hypot(*np.moveaxis(point + 0.5 - place[:, None], -1, 0)) <= reach
     x, y = point[used].astype(np.int64).T
-    cells = np.sort((x << 32) + y, axis=None)  # `numpy.unique` hashes, which takes longer
+    cells = np.sort((x << 32) + y, axis=None)  # faster than `numpy.unique`, which hashes
     walked = (1 + np.count_nonzero(np.diff(cells))) * SPACING**2
     people = len(position) / max(len(np.unique(frame)), 1)
     return people / max(walked, ellipse)

@@ -1,19 +1,19 @@
-"""Learn smooth offsets of the edges of boxes, of all cameras together: a small bundle adjustment.
+"""Learn smooth offsets of box edges for all cameras jointly: a small bundle adjustment.
 
-A camera that is a little off shows everybody a little off, and so the others seem to be off, too:
-the offsets of one camera depend on those of all others. The people, who may move, are eliminated
-from the normal equations; what is left has a few unknowns per camera.
+A slightly wrong camera displaces everybody slightly, so that the other cameras seem wrong, too: the
+offsets of one camera depend on those of all others. The positions of the people are eliminated from
+the normal equations, which leaves a few unknowns per camera.
 """
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import block_diag
 
-# The middle of a box has coefficients of focal length, column and row of its own. Those of its ends
-# are the same, as for an error of the pose; the shares of the box height differ.
+# The center column of a box has its own coefficients of focal length, column and row. Top and
+# bottom share theirs, as for an error of the pose, but have different shares of the box height.
 MIDDLE, ENDS, TOP, BOTTOM = slice(0, 3), slice(3, 6), 6, 7
 UNKNOWNS = 8  # coefficients of a camera
-NOWHERE = 1e-6  # inverse variance, per H0², of a position of which nothing is known
+NOWHERE = 1e-6  # inverse variance, per H0², of an unknown position
 
 
 def offset_field(
@@ -29,23 +29,23 @@ def offset_field(
     prior: tuple[float, float, float, float],
     cameras: int,
 ) -> Float[np.ndarray, "{cameras} 3 4"]:
-    """Fit the offsets of all cameras' edges, while every person may move.
+    """Fit the offsets of all cameras' edges jointly with the people's positions.
 
     Args:
-        person: (n,) whom each box shows.
-        camera: (n,) which camera it is from.
+        person: (n,) person in each box.
+        camera: (n,) camera of each box.
         offset: (n, 3) observed minus predicted edges in pixels.
         slopes: (n, 3, 3) derivatives of the predicted edges by the person's position and height.
         features: (n, 3, 4) of `field_features`.
         weight: (n, 3) inverse variances of the edges, 0 for unused ones.
-        height: (P,) height of each person for which the edges are predicted.
+        height: (P,) height of each person at which the edges were predicted.
         spread: standard deviation of heights, whose mean is 1.
         prior: standard deviations of the four kinds of coefficients.
         cameras: number of cameras.
 
     Returns:
-        (C, 3, 4) coefficients; those of the ends of a box differ only in the last, and a camera
-        without boxes has none.
+        (C, 3, 4) coefficients; top and bottom differ only in the last, and those of a camera
+        without boxes are 0.
     """
     people, size = len(height), cameras * UNKNOWNS
     columns = np.zeros((len(person), 3, UNKNOWNS))

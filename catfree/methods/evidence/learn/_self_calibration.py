@@ -1,4 +1,4 @@
-"""Self-calibrate noise, offsets and unit of a sequence by alternating grouping and learning."""
+"""Self-calibration of noise, offsets and unit by alternating grouping and learning."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from catfree.types import Detections, Scene
 from catfree.types._sampling import evenly_spread
 
 ROUNDS = 3  # the third changes the noise by a few percent
-START_ROUNDS = (2, 4)  # of the low and the high start: each round can at most halve the noise
+START_ROUNDS = (2, 4)  # of the low and the high start; each round can at most halve the noise
 START_BOXES = 1000  # boxes used to choose the start; scenes with few people also need frames
 FEWEST_START_FRAMES = 5  # a minimum of frames for scenes with few people
 
@@ -53,7 +53,7 @@ def self_calibrate(detections: Detections, scene: Scene, settings: EvidenceSetti
 def _learn_round(
     boxes: Boxes, scene: Scene, learned: Learned, settings: EvidenceSettings
 ) -> tuple[Learned, float]:
-    """Group and learn once: what is learned, and the log evidence of the groups."""
+    """Group and learn once; return the result and the log evidence of the groups."""
     views = ground_views(scene, learned.unit, boxes)
     measured = measure_boxes(boxes, views, learned.noise, settings)
     groups = group(boxes, measured, learned.noise, settings.gate)
@@ -64,19 +64,19 @@ def _learn_round(
 def _likeliest_start(
     boxes: Boxes, scene: Scene, start: Learned, settings: EvidenceSettings
 ) -> Learned:
-    """Choose between a low and a high initial noise; high only if it yields far more evidence.
+    """Choose a low initial noise, or a high one if that yields far more evidence.
 
-    A low initial noise is right if the rig is nearly correct. With a less accurate rig, the cameras
-    split into subsets that place every person at different positions, and learning reinforces the
-    split. A high initial noise lets all cameras agree before it decreases, but in a crowd it
-    confuses neighbors.
+    A low initial noise suits a nearly correct rig. With a less accurate rig, the cameras split into
+    subsets that place every person at different positions, and learning reinforces the split. A
+    high initial noise lets all cameras agree before it decreases, but in a crowd it confuses
+    neighbors.
 
     Returns:
-        The initial noise, which is low, or what was learned from the high one.
+        The low initial noise, or the noise learned from the high one.
     """
 
     def settled(learned: Learned, rounds: int) -> tuple[Learned, float]:
-        """What is learned in these rounds, and the evidence of the groups that it makes."""
+        """Learn in rounds; return the result and the log evidence of the groups that it yields."""
         for _ in range(rounds):
             learned, _ = _learn_round(boxes, scene, learned, settings)
         return learned, _learn_round(boxes, scene, learned, settings)[1]
@@ -85,7 +85,7 @@ def _likeliest_start(
     vague = start._replace(noise=replace(start.noise, angular=np.array(2 * highest)))
     _, evidence = settled(start, START_ROUNDS[0])
     high, evidence_of_high = settled(vague, START_ROUNDS[1])
-    # From too few people nothing is learned, and the high start is not an estimate.
+    # With too few people nothing is learned, and the high start is not an estimate.
     is_vague = evidence_of_high > settings.far_more_evidence * evidence
     return high if is_vague and high.noise.angular <= highest else start
 

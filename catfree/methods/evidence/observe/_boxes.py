@@ -18,7 +18,7 @@ from catfree.types import Detections, Lens, Rig
 
 PAIRS_OF_A_RUN = 1 << 24  # of boxes of the same instant
 PINHOLES_BLOCK = 64  # the boxes' own pinholes are padded to this times a power of two
-LONGEST_PAUSE = 1e6  # usual steps, after which anybody may be anywhere: longer ones say no more
+LONGEST_PAUSE = 1e6  # usual steps; after such a pause anybody may be anywhere
 
 
 @jax.tree_util.register_dataclass
@@ -32,20 +32,19 @@ class Boxes:
         frame: (N,) index into `frames`.
         camera: (N,) camera index.
         box: (N, 4) x1, y1, x2, y2 in original pixels, in the caller's float width.
-        edges: (N, 3) center column, top row, bottom row in pixels of the box's pinhole: that of its
-            camera without distortion, or one of its own (`local_pinholes`) in a camera with
-            another lens.
-        view: (N,) the box's pinhole: its camera, or C plus a row of `K` and `R`.
+        edges: (N, 3) center column, top row, bottom row in pixels of the box's pinhole: its camera
+            without distortion or, for other lenses, a pinhole of its own (`local_pinholes`).
+        view: (N,) index of the box's pinhole: its camera, or C plus a row of `K` and `R`.
         K: (V, 3, 3) intrinsics of the boxes' own pinholes; V is 0 if all cameras are pinholes.
-        R: (V, 3, 3) their rotations from the world.
+        R: (V, 3, 3) their world-to-camera rotations.
         cut: (N, 3) whether the side, top or bottom is cut by the image border.
         ankles: (N,) whether ankles are confirmed; true if ankles were not checked.
-        covered: (N,) share of the lower part that boxes in front of it hide.
+        covered: (N,) share of the lower part hidden by boxes in front of it.
         valid: (N,) whether the pixels have rays.
         table: (F, C, B) rows of each frame and camera, -1 for none.
-        embedding: their embeddings; None if there are none, or they are not used.
+        embedding: embeddings of the boxes; None if absent or unused.
         first: (F + 1,) first row of each frame.
-        silent: (F, C) whether a camera is known to have no picture of a frame.
+        silent: (F, C) whether a camera's picture of a frame is known to be missing.
     """
 
     row: Int[np.ndarray, " box"]
@@ -85,7 +84,7 @@ class Boxes:
 
     @property
     def time(self) -> Float[np.ndarray, " frame"]:
-        """Time of each frame in usual steps; no pause is longer than `LONGEST_PAUSE`."""
+        """Time of each frame in usual steps, with pauses limited to `LONGEST_PAUSE`."""
         # Subtract as integers: frame numbers may be nanoseconds since 1970.
         pause = np.diff(self.frames, prepend=self.frames[:1])
         longest = int(min(LONGEST_PAUSE * self.step, 2.0**62))
@@ -94,10 +93,10 @@ class Boxes:
 
 
 def float_width_of(box: Float[np.ndarray, "n 4"]) -> AbstractContextManager[None]:
-    """Let compiled functions compute in the caller's float width: that of the boxes.
+    """Let compiled functions compute in the float width of the boxes.
 
-    Single precision costs up to 0.23 MODA on real boxes. Sums over boxes, which need all digits,
-    stay in double precision on the host.
+    Single precision costs up to 0.23 MODA on real boxes. Sums over boxes need double precision, in
+    which the host computes them.
     """
     return jax.enable_x64(box.dtype == np.float64)
 
@@ -105,15 +104,15 @@ def float_width_of(box: Float[np.ndarray, "n 4"]) -> AbstractContextManager[None
 def undistorted_pixels(
     rig: Rig, camera: Int[np.ndarray, " n"], pixel: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Undistort pixels to those of a pinhole camera with the same K.
+    """Undistort pixels to a pinhole camera with the same K.
 
     Args:
-        rig: the cameras, pinholes.
+        rig: the cameras, which must be pinholes.
         camera: (n,) camera of each pixel.
         pixel: (n, 2) as observed.
 
     Returns:
-        (n, 2) in float64; the pixels themselves if the rig has no distortion.
+        (n, 2) in float64; the input pixels if the rig has no distortion.
     """
     if rig.distortion is None:
         return pixel
@@ -129,14 +128,14 @@ def prepare_boxes(
     frames: Int[np.ndarray, " frame"] | None = None,
     keep: Bool[np.ndarray, " n"] | None = None,
 ) -> Boxes:
-    """Sort and undistort detections; those of unregistered cameras are omitted.
+    """Sort and undistort detections, dropping those of unregistered cameras.
 
     Args:
         detections: boxes in any order.
         rig: the cameras.
         settings: for the border margin, the lower part of a body, and whether to use embeddings.
-        silent: (K, 2) frame and camera of pictures that do not exist.
-        frames: (F,) sorted frame numbers, with boxes or without; None for those with boxes.
+        silent: (K, 2) frame and camera of missing pictures.
+        frames: (F,) sorted frame numbers, with or without boxes; None for those with boxes.
         keep: (N,) detections to use; None for all.
 
     Returns:
@@ -177,7 +176,7 @@ def prepare_boxes(
         valid[non_pinhole] = usable
         view = view.copy()
         view[non_pinhole] = rig.camera_count + np.arange(len(non_pinhole))
-        # Padded, so that few sizes compile.
+        # Padded, so that few sizes are compiled.
         length = padded_length(len(non_pinhole), PINHOLES_BLOCK, factor=2)
         rest = ((0, length - len(non_pinhole)), (0, 0), (0, 0))
         K, R = (np.pad(part, rest, mode="edge") for part in (K, R))
@@ -220,7 +219,7 @@ def prepare_boxes(
 def _silent_table(
     silent: Int[np.ndarray, "k 2"] | None, frames: Int[np.ndarray, " frame"], cameras: int
 ) -> Bool[np.ndarray, "frame cam"]:
-    """(F, C) of rows (K, 2) of frame and camera; rows of other frames do not count."""
+    """(F, C) mask from (K, 2) rows of frame and camera; rows of other frames are ignored."""
     table = np.zeros((len(frames), cameras), bool)
     if silent is not None:
         rows = silent[np.isin(silent[:, 0], frames)]
@@ -229,7 +228,7 @@ def _silent_table(
 
 
 def _row_table(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndarray:
-    """(F, C, B) rows of each frame and camera; the input is sorted by frame, then camera."""
+    """(F, C, B) table of rows by frame and camera; the input is sorted by frame, then camera."""
     key = frame * C + camera
     start = np.searchsorted(key, np.arange(F * C))
     slot = np.arange(len(key)) - start[key]

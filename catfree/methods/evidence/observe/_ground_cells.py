@@ -1,4 +1,4 @@
-"""Squares of the ground before each camera, in which its clutter is counted."""
+"""Grid cells of the ground in front of each camera, in which its clutter is counted."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
@@ -10,7 +10,7 @@ BEHIND = 8  # cells behind the camera, where rig errors may place a person
 def ground_cell(
     place: Float[Array, "2"], station: Float[Array, "2"], heading: Float[Array, "2"]
 ) -> Int[Array, ""]:
-    """Index of the 1 H0² cell of a place in the map of a camera.
+    """Index of the 1 H0² cell of a place in a camera's map.
 
     Args:
         place: (2,) on the plane in H0.
@@ -18,7 +18,7 @@ def ground_cell(
         heading: (2,) unit viewing direction of the camera on the plane.
 
     Returns:
-        () row times `CELLS` plus column; places outside the map are in the nearest cell.
+        () row times `CELLS` plus column; places outside the map go to the nearest cell.
     """
     ahead = heading @ (place - station)
     aside = jnp.stack([heading[1], -heading[0]]) @ (place - station)

@@ -1,9 +1,9 @@
-"""Shares of image regions that nearer people hide."""
+"""Shares of image regions hidden by nearer people."""
 
 import numpy as np
 from jaxtyping import Float, Int
 
-BOXES_AT_A_TIME = 1 << 20  # compared with regions: 8 MB for each number that is kept of a pair
+BOXES_AT_A_TIME = 1 << 20  # compared with regions; 8 MB per number kept of each pair
 COLUMNS = 8  # sampled columns of a box; rows are integrated exactly
 
 
@@ -15,13 +15,13 @@ def hidden_shares(
     box: Float[np.ndarray, "box 4"],
     table: Int[np.ndarray, "frame cam slot"],
 ) -> Float[np.ndarray, " n"]:
-    """Share of each rectangle hidden by boxes that reach lower, that is, by nearer people.
+    """Share of each rectangle hidden by boxes that reach lower, i.e. by nearer people.
 
-    In each column such a box covers everything below its top edge, so the union is exact.
+    In each column, such a box covers everything below its top edge, so the union is exact.
 
     Args:
         region: (n, 4) x1, y1, x2, y2 in pixels.
-        own_box: (n,) the box that does not hide it, or -1.
+        own_box: (n,) the person's own box, which does not hide the region, or -1.
         frame: (n,) frame index.
         camera: (n,) camera.
         box: (N, 4) all boxes in pixels.

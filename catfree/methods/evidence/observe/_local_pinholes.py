@@ -1,4 +1,4 @@
-"""Pinholes that agree with any lens around one pixel, so that boxes need no other camera model."""
+"""Pinholes that approximate any lens near one pixel, so that boxes need no other camera model."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -6,17 +6,17 @@ from jaxtyping import Bool, Float, Int
 from catfree.geometry.camera import rays_of_pixels
 from catfree.types import Rig
 
-STEP = 0.5  # pixels; half the distance over which the change of rays is measured
-FLATTEST = 1e-12  # square radians per square pixel; below it, as at a pole, no pinhole agrees
+STEP = 0.5  # pixels; half-width of the central difference of rays
+FLATTEST = 1e-12  # square radians per square pixel; below, as at a pole, no pinhole fits
 
 
 def local_pinholes(
     rig: Rig, camera: Int[np.ndarray, " n"], pixel: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3 3"], Bool[np.ndarray, " n"]]:
-    """Compute the pinhole that sees in the same directions around each pixel, to first order.
+    """Compute the pinhole whose rays agree with the lens around each pixel, to first order.
 
-    It looks along the ray of the pixel, which is its principal point, and moves the pixel as the
-    lens does under small rotations. Its pixels are therefore those of the image near this one.
+    The pinhole looks along the ray of the pixel, which is its principal point, and shifts the pixel
+    under small rotations as the lens does. Near this pixel, its pixels are those of the image.
 
     Args:
         rig: the cameras, with any lenses.
@@ -26,7 +26,7 @@ def local_pinholes(
     Returns:
         K: (n, 3, 3) intrinsics, with skew.
         R: (n, 3, 3) rotations from the rig's world frame; the center is the camera's.
-        usable: (n,) whether there is such a pinhole; otherwise it is finite but arbitrary.
+        usable: (n,) whether such a pinhole exists; otherwise K and R are finite but arbitrary.
     """
     n = len(pixel)
     across, down = np.array([STEP, 0.0]), np.array([0.0, STEP])
@@ -35,7 +35,7 @@ def local_pinholes(
         5, n, 3
     )
     change = np.stack([right - left, below - above], -1) / (2 * STEP)
-    # Two directions beside the ray; any will do.
+    # Any two directions perpendicular to the ray will do.
     least = np.eye(3)[np.abs(ray).argmin(-1)]
     first = np.cross(least, ray)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
@@ -57,7 +57,7 @@ def local_pinholes(
 def project_rays(
     K: Float[np.ndarray, "n 3 3"], R: Float[np.ndarray, "n 3 3"], ray: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Pixels of rays in pinholes, and whether they are in front of them."""
+    """Project rays into pinholes; return pixels, and whether the rays are in front."""
     local = np.einsum("nij,nj->ni", K, np.einsum("nij,nj->ni", R, ray))
     in_front = local[:, 2] > 1e-3
     return local[:, :2] / np.where(in_front, local[:, 2], 1.0)[:, None], in_front

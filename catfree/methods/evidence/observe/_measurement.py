@@ -34,7 +34,7 @@ class Noise(eqx.Module):
 
     Attributes:
         edge: (C, 3) noise of center, top and bottom as a fraction of the box height.
-        angular: () noise common to all boxes, in radians.
+        angular: () angular noise common to all boxes, in radians.
         field: (C, 3, 4) offset of each edge: coefficients of focal length, column, row and box
             height.
         spread: () standard deviation of heights in H0.
@@ -52,7 +52,7 @@ class Measurements(eqx.Module):
     """Boxes as Gaussian likelihoods of (y1, y2, H) in units of H0.
 
     Attributes:
-        info: (N) information without the height prior; 0 where the measurement is not usable.
+        info: (N) information without the height prior; 0 where not valid.
         noise: (N, 3) standard deviation of each edge in pixels.
         used: (N, 3) whether an edge carries information.
         cell: (N,) cell of the camera's map (see `ground_cell`) where the box alone places a person.
@@ -67,7 +67,7 @@ class Measurements(eqx.Module):
 
 
 class BoxConstants(NamedTuple):
-    """The settings of `measure`, passed as values so that changing them does not recompile."""
+    """The settings of `measure`, passed as values so that a change does not recompile."""
 
     ankle_factor: float
     cover_slope: float
@@ -84,12 +84,12 @@ class BoxConstants(NamedTuple):
 
 
 BLOCK = 256  # boxes measured together; an instant of a running tracker is one block
-NEWTON_STEPS = 6  # Gauss-Newton steps of a box: it converges in three or four
-EXPLAINED = 6.0  # standard deviations; beyond, the Gauss-Newton steps went astray
-FOOT_ROUNDS = 2  # iterations of the foot column: the second changes it by the roll squared
+NEWTON_STEPS = 6  # Gauss-Newton steps of a box; three or four converge
+EXPLAINED = 6.0  # standard deviations; larger residuals mean that Gauss-Newton diverged
+FOOT_ROUNDS = 2  # iterations of the foot column; the second changes it by the roll squared
 HEIGHT_BOUNDS = (0.1, 4.0)  # H0; bounds of the height while the foot column is estimated
 LARGEST_LEAN = 0.5  # box heights; largest change of the foot column per round
-LEAST_TRUST = 1e-4  # in a bottom edge: 100 times the usual noise carries no information
+LEAST_TRUST = 1e-4  # in a bottom edge; 100 times the usual noise carries no information
 
 
 def start_noise(cameras: int, settings: EvidenceSettings) -> Noise:
@@ -149,7 +149,7 @@ class Box(NamedTuple):
 
 
 class Pinhole(NamedTuple):
-    """The camera that sees a box, and its noise; with a leading axis, those of many boxes.
+    """The camera of a box, and its noise; with a leading axis, those of many boxes.
 
     Attributes:
         matrix: (3, 4) projection, see `GroundViews`.
@@ -160,7 +160,7 @@ class Pinhole(NamedTuple):
         station: (2,) the camera center projected onto the plane, in H0.
         heading: (2,) viewing direction of the camera, not of a box's own pinhole, on the plane.
         edge_noise: (3,) noise of the edges in box heights.
-        field: (3, 4) offsets of the edges.
+        field: (3, 4) offset coefficients of the edges.
     """
 
     matrix: Float[Array, "*box 3 4"]
@@ -214,7 +214,7 @@ def measure(
         constants: see `EvidenceSettings`.
 
     Returns:
-        The measurement, valid if a person explains the box and its place is precise enough.
+        The measurement; valid if a person explains the box and the place is precise enough.
     """
     matrix, cut = camera.matrix, box.cut
     dtype = box.edges.dtype
@@ -259,13 +259,13 @@ def measure(
     residual = edges - predicted + slopes @ state
     weighted = slopes * precision[:, None]
     normal = weighted.T @ slopes
-    normal = (normal + normal.T) / 2  # rounding differs between the halves
+    normal = (normal + normal.T) / 2  # rounding breaks the symmetry
     info = Information(normal, weighted.T @ residual, (precision * residual**2).sum())
     place, covariance = mean_and_covariance(info, spread)
     _, _, nearest = box_ends(matrix, state, camera.station, FOOT_AHEAD)
     finite = jnp.isfinite(state).all() & jnp.isfinite(normal).all() & jnp.isfinite(info.constant)
     # Steps that reach the camera's plane produce unbounded slopes, which would outweigh all other
-    # boxes of a group, so a box is valid only if its state explains it.
+    # boxes of a group. A box is therefore valid only if its state explains it.
     explained = jnp.where(used, jnp.abs(edges - predicted) <= EXPLAINED * noise, True).all()
     valid = finite & (nearest > NEAREST_DEPTH) & explained & ~(cut[1] & cut[2])
     sigma = jnp.sqrt((covariance[0, 0] + covariance[1, 1]) / 2)

@@ -1,4 +1,4 @@
-"""The boxes that people should have, beside those that they have, camera by camera."""
+"""Predicted and actual boxes of people, camera by camera."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -18,14 +18,14 @@ BLOCK = 256  # boxes predicted together; an instant of a running tracker is one 
 
 
 class Sightings(NamedTuple):
-    """The people whom one camera sees.
+    """The people seen by one camera.
 
     Attributes:
-        person: (n,) which of the people.
-        box: (n,) their boxes.
-        edges: (n, 3) where center column, top and bottom row should be, in pixels.
-        slopes: (n, 3, 4) derivatives by (y1, y2, H) and by z, by which a person stands above the
-            plane.
+        person: (n,) index of each person.
+        box: (n,) row of the person's box.
+        edges: (n, 3) predicted center column, top and bottom row in pixels.
+        slopes: (n, 3, 4) their derivatives with respect to (y1, y2, H) and z, the height of the
+            feet above the plane.
         precision: (n, 3) inverse standard deviations of the edges of the boxes, 0 for unused ones.
     """
 
@@ -43,9 +43,9 @@ def sightings_by_camera(
     view: Int[np.ndarray, " box"],
     views: GroundViews,
 ) -> Iterator[Sightings]:
-    """Predict the boxes of people, one camera at a time: all slopes together would be large.
+    """Predict the boxes of people one camera at a time, because all slopes together would be large.
 
-    The precision of the numbers is that of JAX while they are taken from the iterator.
+    The float width is JAX's at the time of iteration.
 
     Args:
         state: (P, 3) positions and heights in H0 of P people.
@@ -71,11 +71,11 @@ def predicted_edges(
     matrix: Float[np.ndarray, "n 3 4"],
     station: Float[np.ndarray, "n 2"],
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 4"]]:
-    """Edges of the boxes that people should have, and their slopes; see `Sightings`.
+    """Predict the edges of people's boxes, and their slopes; see `Sightings`.
 
     Args:
         state: (n, 3) positions and heights in H0.
-        matrix: (n, 3, 4) projection of the pinhole that sees each of them.
+        matrix: (n, 3, 4) projection of the pinhole that sees each person.
         station: (n, 2) its center projected onto the plane.
     """
     return in_blocks(_edges_and_slopes, (state, matrix, station), BLOCK)

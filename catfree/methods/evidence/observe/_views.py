@@ -13,7 +13,7 @@ from catfree.methods.evidence.observe._local_pinholes import local_pinholes
 from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Lens, Rig, Scene
 
-IN_FRONT = 1e-6  # H0; points less far in front of a camera have no image
+IN_FRONT = 1e-6  # H0; nearer points have no image
 
 
 class GroundViews(eqx.Module):
@@ -22,8 +22,8 @@ class GroundViews(eqx.Module):
     A point at plane position (y1, y2) and height h (all in units of H0, from `origin`) has the
     homogeneous pixel `matrix @ (y1, y2, h, 1)`; its third entry is positive in front of the camera.
 
-    The first C of V views are the cameras without distortion; those of cameras that are not
-    pinholes are not used. The others are the boxes' own pinholes (`Boxes.view`).
+    The first C of V views are the cameras without distortion (unused for cameras that are not
+    pinholes); the others are the boxes' own pinholes (`Boxes.view`).
 
     Attributes:
         matrix: (V, 3, 4) projection; contains no NaN, even for unregistered cameras.
@@ -37,7 +37,7 @@ class GroundViews(eqx.Module):
         registered: (C,) bool.
         origin: (2,) plane coordinates of the local origin in scene units.
         unit: () H0 in scene units.
-        rig: the cameras with their lenses, in a world of (y1, y2, h); None if all are ideal.
+        rig: the cameras with their lenses, in (y1, y2, h) coordinates; None if all are ideal.
     """
 
     matrix: Float[np.ndarray, "view 3 4"]
@@ -60,7 +60,7 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
     Args:
         scene: rig and ground plane in scene units.
         unit: H0 in scene units.
-        boxes: boxes whose own pinholes follow the cameras.
+        boxes: boxes whose own pinholes are appended to the cameras.
 
     Returns:
         The cameras as maps from the plane to pixels.
@@ -83,7 +83,7 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
     plane_centers = centers @ basis
     origin = plane_centers[registered].mean(0) if registered.any() else np.zeros(2)
     start = basis @ origin - offset * normal  # the local origin in the world
-    forward = R[:, 2] @ basis  # optical axis on the plane; for a camera looking down, image up
+    forward = R[:, 2] @ basis  # optical axis on the plane; image up for a camera looking down
     upward = -R[:, 1] @ basis
     place = ((R @ start + t) / unit)[..., None]
     turn = np.concatenate([R @ basis, (R @ normal)[..., None]], -1)
@@ -134,7 +134,7 @@ def people_in_cameras(
 
     Returns:
         edges: (H, C, 3) center column, head row, foot row in original pixels.
-        imaged: (H, C) whether the camera images both foot and head; false if it is unregistered.
+        imaged: (H, C) whether the camera images both foot and head; false if unregistered.
     """
     count = len(views.registered)
     head, foot, depth = box_ends(
@@ -151,11 +151,11 @@ def people_in_cameras(
 def pinholes_towards(
     state: Float[np.ndarray, "person 3"], camera: int, views: GroundViews
 ) -> tuple[Float[np.ndarray, "person 3 4"], Float[np.ndarray, " person"]]:
-    """The pinhole in which a camera sees each person: its own, or one turned towards the person.
+    """The pinhole in which a camera sees each person: its own, or one turned toward the person.
 
     Args:
         state: (H, 3) positions and heights in H0.
-        camera: its number.
+        camera: index of the camera.
         views: the cameras.
 
     Returns:
@@ -177,7 +177,7 @@ def pinholes_towards(
 
 
 def _inverse(matrix: np.ndarray, registered: np.ndarray) -> np.ndarray:
-    """Invert each 3x3 map; identity for cameras that are unregistered or in that plane."""
+    """Invert each 3x3 map; identity for cameras that are unregistered or in the plane."""
     largest = np.linalg.norm(matrix, axis=-2).prod(-1)  # determinant, in any unit of length
     good = registered & (np.abs(np.linalg.det(matrix)) > 1e-12 * largest)
     return np.linalg.inv(np.where(good[:, None, None], matrix, np.eye(3)))

@@ -11,7 +11,7 @@ from catfree.methods.evidence.observe._hidden_shares import hidden_shares
 from catfree.methods.evidence.observe._views import GroundViews, people_in_cameras
 from catfree.settings import EvidenceSettings
 
-PEOPLE_AT_A_TIME = 1 << 14  # seen by all cameras together: 20 MB for seven
+PEOPLE_AT_A_TIME = 1 << 14  # people processed together; 20 MB for seven cameras
 
 
 class Views(eqx.Module):
@@ -38,7 +38,7 @@ def expected_views(
     settings: EvidenceSettings,
     member: Int[np.ndarray, "person cam"] | None = None,
 ) -> Views:
-    """Predict the box of every person in every camera, among the boxes of others.
+    """Predict the visibility of every person in every camera, among the boxes of others.
 
     Args:
         state: (H, 3) position and height in H0.
@@ -85,9 +85,10 @@ class DetectionRate(eqx.Module):
     Attributes:
         heights: (C, 2) box heights that separate the bins, in pixels.
         covers: (4,) hidden shares that separate the bins.
-        trials, hits: (C, 3, 5) people who should be detected, and are, by camera, height and cover.
+        trials, hits: (C, 3, 5) people who should be detected, and who are, by camera, height and
+            cover.
         rate: (C, 3, 5) probability in each bin.
-        usual: (C,) mean of these probabilities over the people who are detected.
+        usual: (C,) mean of the probabilities over the detected people.
     """
 
     heights: Float[np.ndarray, "cam 2"]
@@ -116,7 +117,7 @@ def _bins(
 def usual_heights(
     size: np.ndarray, camera: np.ndarray, cameras: int, settings: EvidenceSettings
 ) -> Float[np.ndarray, "cam 2"]:
-    """Box heights (C, 2) that separate small, usual and large people, of boxes (n,)."""
+    """Box heights (C, 2) that separate small, usual and large people, from boxes (n,)."""
     heights = np.zeros((cameras, 2))
     for c in range(cameras):
         camera_sizes = size[camera == c]
@@ -132,10 +133,10 @@ def count_detections(
     cameras: int,
     settings: EvidenceSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trials and hits (C, 3, 5) of people wholly in view whom other cameras confirm.
+    """Count trials and hits (C, 3, 5) of people wholly in view whom other cameras confirm.
 
     Args:
-        visibility: (H, C) how the people are expected to be seen.
+        visibility: (H, C) expected visibility of the people.
         member: (H, C) their boxes, -1 for none.
         heights: (C, 2) box heights that separate the bins, in pixels.
         cameras: number of cameras that see anybody.
@@ -162,7 +163,7 @@ def rate_of_counts(
 ) -> DetectionRate:
     """Detection rates from trials and hits (C, 3, 5)."""
     pseudo = settings.fewest_samples
-    # Shrink towards the product of camera and cover rates, and those towards the overall rate. A
+    # Shrink toward the product of camera and cover rates, and those toward the overall rate. A
     # camera that detected nobody is dead, which says nothing about the others.
     alive = hits.any((1, 2))
     hit, tried = hits[alive], trials[alive]
@@ -174,7 +175,7 @@ def rate_of_counts(
     low, high = settings.detection_rate_range
     prior = np.clip(prior, low, high)
     shrunk = (hits + pseudo * prior) / (trials + pseudo)
-    # Counting may halve the distance to certainty and no more, however long it goes on.
+    # Counting, however long, may at most halve the distance to certainty.
     rate = np.clip(shrunk, low / 2, (1 + high) / 2)
     usual = ((hits * rate).sum((1, 2)) + pseudo * by_camera) / (detected + pseudo)
     return DetectionRate(heights, np.array(settings.cover_edges), trials, hits, rate, usual)

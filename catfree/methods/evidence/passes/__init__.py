@@ -1,1 +1,1 @@
-"""The passes of the evidence method, in their order: each maps an `EvidenceState` to the next."""
+"""The passes of the evidence method; each maps an `EvidenceState` to the next."""

@@ -8,9 +8,9 @@ from catfree.settings import EvidenceSettings
 
 
 def add_pose_errors(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
-    """Widen the covariances by what errors of the cameras' poses do to the whole map.
+    """Add the effect of camera pose errors on the whole map to the covariances.
 
-    Such an error does not change relative positions, so it does not affect which are reported.
+    Such errors do not change relative positions, so they do not affect which are reported.
     """
     if not settings.pose_errors:
         return state

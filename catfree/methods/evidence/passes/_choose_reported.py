@@ -1,4 +1,4 @@
-"""Choose the positions to report: sharp, one person per place, inside the working area."""
+"""Choose the positions to report: precise, one person per place, inside the working area."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from catfree.types import Fate
 
 
 def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
-    """Keep the rows that are more likely than not a person at the right place."""
+    """Keep the rows that are more likely than not a person at the correct place."""
     trails, boxes, views = state.trails, state.boxes, state.views
     shift = usual_shift(trails, ground_shift(trails, state, settings), settings.gap)
     covariance, sharp = sharp_positions(trails.covariance, shift, state.probability, settings)

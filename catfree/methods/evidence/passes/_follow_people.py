@@ -21,7 +21,7 @@ from catfree.settings import EvidenceSettings
 
 
 def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
-    """Track all groups anew; without time or tracking, every group is judged on its own."""
+    """Track all groups from scratch; without time or tracking, judge each group on its own."""
     groups, log_odds, time = state.groups, state.existence.log_odds, state.boxes.time
     if not state.is_tracked(settings):
         trails = unlinked(
@@ -40,7 +40,7 @@ def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceS
 def evidence_of_rows(
     trails: Trails, state: EvidenceState, settings: EvidenceSettings
 ) -> np.ndarray:
-    """(M,) log-odds of each track row; in a gap, that all cameras missed the person."""
+    """(M,) log-odds of each track row; in a gap, those of a person missed by all cameras."""
     evidence = np.zeros(len(trails))
     is_detected = trails.group >= 0
     evidence[is_detected] = state.existence.log_odds[trails.group[is_detected]]

@@ -1,4 +1,4 @@
-"""Group the boxes of each frame into people, with the priors of those who are expected."""
+"""Group the boxes of each frame into people, with tracked people as priors."""
 
 import numpy as np
 
@@ -12,12 +12,12 @@ from catfree.settings import EvidenceSettings
 def group_boxes(
     state: EvidenceState, settings: EvidenceSettings, expected: Priors | None = None
 ) -> EvidenceState:
-    """Group all boxes anew; the tracks so far say where people are expected.
+    """Group all boxes from scratch, expecting people where the current tracks are.
 
     Args:
         state: the boxes, and tracks if there are any.
         settings: constants and switches.
-        expected: where people are expected; `expected_people` if None.
+        expected: priors of the people; those of `expected_people` if None.
     """
     if expected is None:
         expected = expected_people(state, settings)
@@ -26,7 +26,7 @@ def group_boxes(
 
 
 def expected_people(state: EvidenceState, settings: EvidenceSettings) -> Priors:
-    """Smoothed positions of tracked people, without the measurements of the frame itself."""
+    """Smoothed positions of tracked people, excluding the measurements of the frame itself."""
     trails, info = state.trails, state.groups.info
     alone = suppress_overlapping_tracks(
         trails, state.evidence, state.probability > 0.5, settings.personal_space

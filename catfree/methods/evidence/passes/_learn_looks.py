@@ -1,4 +1,4 @@
-"""Learn what the embeddings of a sequence say about who is who."""
+"""Learn how well the embeddings of a sequence identify people."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from catfree.types._sampling import evenly_spread
 def learn_looks(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Learn the likelihood ratio of embeddings from boxes grouped by position and height.
 
-    As many evenly spread frames as self-calibration uses are enough.
+    Uses as many evenly spread frames as self-calibration.
     """
     boxes, measured = state.boxes, state.measurements
     if boxes.embedding is None:

@@ -1,4 +1,4 @@
-"""Decide who is who among the reported positions."""
+"""Assign identities to the reported positions."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from catfree.settings import EvidenceSettings
 
 
 def name_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
-    """Match the past and the future of every instant; without tracks, nothing has a past."""
+    """Match the past and the future of every instant, unless there are no tracks."""
     if not state.is_tracked(settings):
         return state
     error = state.position_covariance - state.trails.covariance[:, :2, :2]

@@ -33,12 +33,12 @@ def observe_boxes(
         unit: H0 in scene units.
         noise: of the boxes.
         settings: constants and switches.
-        silent: (K, 2) frame and camera of pictures that do not exist.
+        silent: (K, 2) frame and camera of missing pictures.
         keep: (N,) detections to use; None for all.
-        frames: (F,) sorted frame numbers, with boxes or without; None for those with boxes.
+        frames: (F,) sorted frame numbers, with or without boxes; None for those with boxes.
 
     Returns:
-        A state without groups and tracks; what is learned from them is as usual.
+        A state without groups and tracks; what is learned from them has its usual value.
     """
     boxes = prepare_boxes(detections, scene.rig, settings, silent, frames, keep)
     views = ground_views(scene, unit, boxes)

@@ -1,4 +1,4 @@
-"""Weigh each group against clutter and against the cameras that should see it and do not."""
+"""Weigh each group against clutter and against the cameras that should see it but do not."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from catfree.settings import EvidenceSettings
 
 
 def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
-    """Learn how often each camera detects people, then the log-odds that each group is one."""
+    """Learn each camera's detection rate, then the log-odds that each group is a person."""
     visibility = views_of_groups(state, settings)
     groups, heights = state.groups, state.rate.heights
     counts = count_detections(visibility, groups.member, heights, groups.seeing_cameras, settings)
@@ -27,7 +27,7 @@ def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSt
 
 
 def views_of_groups(state: EvidenceState, settings: EvidenceSettings) -> Views:
-    """How every camera should see the person of each group, (H, C)."""
+    """Predict how every camera sees the person of each group, (H, C)."""
     frame, own, boxes = state.groups.frame, state.groups.member, state.boxes
     visibility = expected_views(state.place, frame, boxes, state.views, settings, own)
     return with_pictures(visibility, frame, boxes)
@@ -39,7 +39,7 @@ def judge(
     settings: EvidenceSettings,
     clutter: Float[np.ndarray, "2 cam cells cells"] | None = None,
 ) -> EvidenceState:
-    """Weigh the groups with the detection rate that the state knows.
+    """Weigh the groups with the detection rate of the state.
 
     Args:
         state: with groups.

@@ -1,1 +1,1 @@
-"""Select what is reported, and compute its uncertainty."""
+"""Select the positions to report, and compute their uncertainty."""

@@ -18,9 +18,10 @@ def blind_camera_warnings(
     settings: EvidenceSettings,
     camera_names: Sequence[str] | None = None,
 ) -> tuple[str, ...]:
-    """One sentence per camera with hardly a box, though many reported people are in its view.
+    """Warn of each camera with hardly any boxes although many reported people are in its view.
 
-    A camera with fewer boxes than the lowest detection rate gives has none, or false ones alone.
+    A camera with fewer boxes than the lowest detection rate predicts has no boxes, or only false
+    ones.
     """
     boxes, rows = state.boxes, np.flatnonzero(state.kept)
     shown = (boxes.table >= 0).sum((0, 2))

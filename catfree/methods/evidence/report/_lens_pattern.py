@@ -1,7 +1,8 @@
-"""A wrong lens model, as residuals that grow with the distance from the middle of the image.
+"""Detection of a wrong lens model from residuals that grow toward the image border.
 
 Errors of a camera's pose, focal length and principal point move the image affinely, to first order.
-What a wrong lens adds begins with the third power of the distance, along the radius.
+A wrong lens adds a radial displacement whose lowest order is the cube of the distance from the
+center.
 """
 
 from collections.abc import Sequence
@@ -14,12 +15,12 @@ from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.learn._noise import left_out_residuals
 from catfree.types._validation import shown_camera
 
-FEWEST_CAMERAS = 3  # with one other camera, nobody knows which of the two is wrong
+FEWEST_CAMERAS = 3  # with only two, it is unknown which one is wrong
 FEWEST_BOXES = 50  # of a camera
-OUTER = 0.95  # share of the boxes' ends that are nearer to the middle than where the bend counts
+OUTER = 0.95  # quantile of the distances of box ends at which the bend is measured
 SIGNIFICANT = 6.0  # standard deviations; boxes of one person are not independent
-UNKNOWN = 1e3  # standard deviation of a coefficient without residuals: no lens bends as much
-NOTICEABLE = 0.02  # radians; right lenses left up to 0.012, fisheyes taken for pinholes 0.04
+UNKNOWN = 1e3  # standard deviation of a coefficient without residuals; no lens bends as much
+NOTICEABLE = 0.02  # radians; correct lenses left up to 0.012, fisheyes taken for pinholes 0.04
 
 
 def lens_pattern(
@@ -27,7 +28,7 @@ def lens_pattern(
     offset: Float[np.ndarray, "n 2"],
     precision: Float[np.ndarray, "n 2"],
 ) -> tuple[float, float]:
-    """Fit what a wrong lens leaves to the residuals of a camera, beside an affine map.
+    """Fit the cubic radial term of a wrong lens, and an affine map, to the residuals of a camera.
 
     Args:
         residual: (n, 2) observed minus predicted image points, in focal lengths.
@@ -36,7 +37,7 @@ def lens_pattern(
 
     Returns:
         strength: coefficient of offset * |offset|² in the residual, as in Brown-Conrady's k1.
-        deviation: its standard deviation if residuals are independent; `UNKNOWN` without residuals.
+        deviation: standard deviation if residuals are independent; `UNKNOWN` without residuals.
 
     Source:
         Brown, "Close-range camera calibration" (1971), for the first radial coefficient.
@@ -53,15 +54,14 @@ def lens_pattern(
 
 
 def lens_bends(state: EvidenceState) -> Float[np.ndarray, " cam"]:
-    """Measure how far the lens of each camera bends otherwise than the rig says.
+    """Measure how far the lens of each camera deviates from the rig's model.
 
     Args:
-        state: with the people to report.
+        state: includes the people to report.
 
     Returns:
-        (C,) angle by which people near the border of the image are off the places where the others
-        see them, in radians; 0 where it is not significant. It grows with the third power of the
-        distance from the middle.
+        (C,) angle in radians between people near the image border and where the other cameras see
+        them; 0 if not significant. It grows with the cube of the distance from the center.
     """
     groups, boxes, views = state.groups, state.boxes, state.views
     chosen = state.trails.group[state.shown]
@@ -80,7 +80,7 @@ def lens_bends(state: EvidenceState) -> Float[np.ndarray, " cam"]:
         middle = (box[:, 0] + box[:, 2]) / 2
         ends = np.stack([np.stack([middle, box[:, k]], -1) for k in (1, 3)], 1)
         offset = (ends - views.center[camera]) / views.focal[camera]
-        # The center column is one residual of two ends.
+        # The center column is one residual for both ends.
         precision = np.where(found.used, np.array([0.5, 1, 1]) ** 0.5 * focal / found.sd, 0.0)
         residual = np.where(found.used, found.residual / focal, 0.0)
         samples = residual[:, by_end], offset, precision[:, by_end]
@@ -94,7 +94,7 @@ def lens_bends(state: EvidenceState) -> Float[np.ndarray, " cam"]:
 def lens_warnings(
     bend: Float[np.ndarray, " cam"], camera_names: Sequence[str] | None = None
 ) -> tuple[str, ...]:
-    """One sentence if the lenses of cameras seem to be wrong."""
+    """Warn if the lens models of cameras seem to be wrong."""
     bent = [shown_camera(c, camera_names) for c in np.flatnonzero(bend > NOTICEABLE).tolist()]
     if not bent:
         return ()

@@ -1,7 +1,7 @@
-"""What the rays through the feet say about each group, without the assumed ground.
+"""Diagnostics of each group from foot rays alone, without the assumed ground.
 
-The method places people on the ground. Where the rays through the feet of one person meet is a
-second opinion: above or below the ground, the ground is wrong; nowhere, the cameras are.
+The method places people on the ground. The intersection of a person's foot rays is a second
+opinion: if it is above or below the ground, the ground is wrong; if there is none, the cameras are.
 """
 
 from typing import NamedTuple
@@ -28,7 +28,7 @@ from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Plane
 
 BLOCK = 256  # groups diagnosed together in all cameras
-FEWEST = 20  # heights that tell a wrong ground from the noise of a few boxes
+FEWEST = 20  # heights needed to tell a wrong ground from noise
 
 
 class RayDiagnostics(NamedTuple):
@@ -58,7 +58,7 @@ def _diagnose(
     directions: Float[Array, "cam 3"],
     weights: Float[Array, " cam"],
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    ground = Plane(np.array([0.0, 0.0, 1.0]), 0.0)  # in the coordinates of `GroundViews`
+    ground = Plane(np.array([0.0, 0.0, 1.0]), 0.0)  # in `GroundViews` coordinates
     position = triangulate_least_squares(origins, directions, weights)
     sigma = ground_sigma(information(position, origins, directions, weights, 1.0), ground)
     height = jnp.sign(position[2]) * plane_distance(ground, position)
@@ -72,7 +72,7 @@ def _diagnose(
 def ray_diagnostics(
     boxes: Boxes, measured: Measurements, groups: Groups, views: GroundViews
 ) -> RayDiagnostics:
-    """Intersect the rays through the feet of each group, moved below the middle of the body.
+    """Intersect the foot rays of each group, shifted from the visible foot to below the body.
 
     Args:
         boxes: the boxes; the bottom centers as observed, without learned offsets.
@@ -94,7 +94,8 @@ def ray_diagnostics(
         edges, view = boxes.edges[row], boxes.view[row]
         foot = np.stack([edges[..., 0], edges[..., 2], np.ones(row.shape)], -1)
         direction = np.einsum("gcij,gcj->gci", inverse[view], foot)
-        # The visible foot is nearer than the body: on the ground, the ray moves outward by as much.
+        # The visible foot is nearer than the body, so the ray moves outward by that distance on the
+        # ground.
         fall = np.maximum(-direction[..., 2], 0) / origins[boxes.camera[row], 2]
         level = visible_foot(direction[..., :2], np.zeros(2), -FOOT_AHEAD * fall)
         direction[..., :2] = np.stack(level, -1)

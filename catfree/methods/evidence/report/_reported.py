@@ -1,4 +1,4 @@
-"""Rows to report, and the tracks that they are in the frame and units of the scene."""
+"""Rows to report, and their conversion to tracks in the frame and units of the scene."""
 
 from typing import NamedTuple
 
@@ -11,12 +11,12 @@ from catfree.types import Clock, Origin, Scene, Tracks
 
 
 class Reported(NamedTuple):
-    """Rows to report, in H0 on the plane: n of them.
+    """n rows to report, in H0 on the plane.
 
     Attributes:
-        frame: (n,) of the result.
-        identity: (n,) who it is.
-        mean: (n, 5) of the state.
+        frame: (n,) frame number in the result.
+        identity: (n,) identity.
+        mean: (n, 5) mean of the state.
         velocity_covariance: (n, 2, 2).
         position_covariance: (n, 2, 2) with sway, uneven ground and pose errors.
         existence: (n,) probability.
@@ -35,7 +35,7 @@ class Reported(NamedTuple):
 
 
 def no_rows(cameras: int) -> Reported:
-    """Nothing to report."""
+    """Return an empty set of rows."""
     none, integers, square = np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 2, 2))
     support = np.zeros((0, cameras), np.int64)
     return Reported(
@@ -54,12 +54,12 @@ def tracks_of(
     """Convert rows to the frame and units of the scene.
 
     Args:
-        rows: what to report.
+        rows: the rows to report.
         scene: rig and ground.
-        origin: (2,) of the rows, in plane coordinates of the scene.
+        origin: (2,) origin of the rows, in plane coordinates of the scene.
         unit: H0 in scene units.
         pace: H0 per step, in scene units per frame of the result.
-        clock: of the result.
+        clock: clock of the result.
     """
     xy = rows.mean[:, :2] * unit + origin
     covariance = symmetrized(rows.position_covariance) * unit**2

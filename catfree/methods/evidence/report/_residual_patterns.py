@@ -1,8 +1,8 @@
-"""Patterns in the residuals of each camera that no noise of boxes leaves.
+"""Patterns in each camera's residuals that box noise does not produce.
 
-A late clock leaves residuals along the way that people walk. A camera that was moved leaves other
-residuals after the move than before. A rig that fits people in spite of such a pattern may be far
-off. For what a wrong lens leaves, see `_lens_pattern`.
+A late clock leaves residuals along the walking direction. A moved camera leaves different residuals
+before and after the move. A rig that fits people despite such a pattern may be far off. For wrong
+lenses, see `_lens_pattern`.
 """
 
 from collections.abc import Sequence
@@ -17,23 +17,23 @@ from catfree.methods.evidence.observe._measurement import features_of
 from catfree.methods.evidence.observe._sightings import sightings_by_camera
 from catfree.types._validation import shown_camera
 
-# Columns of a late clock, and of a move (across, down); the first three are constant offsets.
+# Columns of a late clock, and of a move (across, down); the first three columns are constant
+# offsets.
 _GROUPS = (slice(3, 4), slice(4, 6))
-LARGEST = 4.0  # usual residuals of the camera, to which residuals are clipped
+LARGEST = 4.0  # usual residuals of the camera, at which residuals are clipped
 BLOCK = 12  # frames of a track whose errors count as one
-LARGEST_SHARE = 0.15  # of the variance; simulated and real rigs in order reach 0.03
-LEAST_TOGETHER = 0.6  # cameras that miss people each on its own are seldom below 0.95
-FEWEST_TOGETHER = 20  # expected sightings by two cameras, to judge them
+LARGEST_SHARE = 0.15  # of the variance; sound simulated and real rigs reach 0.03
+LEAST_TOGETHER = 0.6  # cameras that miss people independently are seldom below 0.95
+FEWEST_TOGETHER = 20  # expected joint sightings needed to judge two cameras
 
 
 class Explained(NamedTuple):
-    """What patterns explain of the residuals of one camera.
+    """How much of one camera's residuals the patterns explain.
 
     Attributes:
-        share: (2,) share of the variance that the clock and a move in the middle explain beyond
-            what they reach by chance; negative if less.
-        coefficient: (3,) of the clock (usual steps by which the camera is late), and of the move
-            (pixels across and down).
+        share: (2,) share of the variance that the clock, and a move in the middle, explain beyond
+            chance; negative if less.
+        coefficient: (3,) lag of the clock in usual steps, and the move in pixels across and down.
     """
 
     share: Float[np.ndarray, "*cam 2"]
@@ -47,14 +47,14 @@ def explained(
 ) -> Explained:
     """Fit patterns to the residuals of one camera.
 
-    The share by chance follows from the scatter of the blocks: the errors of a person in successive
-    frames are alike.
+    The share expected by chance follows from the scatter of blocks, because a person's errors in
+    successive frames are correlated.
 
     Args:
         residual: (n, 3) standardized residuals of the edges.
-        columns: (n, 3, 6) what each pattern adds: an offset of each coordinate in pixels, and the
-            columns of `_GROUPS`; all 0 where there is no residual.
-        block: (n,) rows of the same number count as one; small numbers from 0.
+        columns: (n, 3, 6) design matrix: an offset of each coordinate in pixels, and the columns of
+            `_GROUPS`; all 0 where there is no residual.
+        block: (n,) block of each row, small numbers from 0; rows of one block count as one.
 
     Source:
         Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986), for
@@ -70,8 +70,8 @@ def explained(
     beta = inverse @ np.einsum("nka,nk->a", X, r)
     score = np.zeros((int(block.max(initial=-1)) + 1, len(scale)))
     np.add.at(score, block, np.einsum("nka,nk->na", X, r - X @ beta))
-    blocks = len(np.unique(block[present.any(1)]))  # those that this camera sees
-    free = max(blocks - len(scale), 0)  # blocks that the coefficients do not fit anyway
+    blocks = len(np.unique(block[present.any(1)]))  # those seen by this camera
+    free = max(blocks - len(scale), 0)  # residual degrees of freedom
     spread = inverse @ (score.T @ score) @ inverse * blocks / max(free, 1)
     constant = normal[:3, :3] + 1e-6 * np.eye(3)
     offset = np.linalg.solve(constant, np.einsum("nka,nk->a", X[..., :3], r))
@@ -86,12 +86,12 @@ def explained(
 
 
 class Patterns(NamedTuple):
-    """What patterns explain in each camera.
+    """How much the patterns explain in each camera.
 
     Attributes:
-        explained: of each camera, see `Explained`.
-        together: (C, C) of the faster half of the people, `seen_together`: people who stand say
-            nothing of clocks.
+        explained: the `Explained` of all cameras, with a leading camera axis.
+        together: (C, C) `seen_together` of the faster half of the people, because standing people
+            do not reveal clock errors.
     """
 
     explained: Explained
@@ -99,7 +99,7 @@ class Patterns(NamedTuple):
 
     @property
     def largest_share(self) -> float:
-        """Largest share of the variance of a camera's residuals that a pattern explains."""
+        """Largest share of the variance of any camera's residuals that a pattern explains."""
         return float(np.max(self.explained.share, initial=0.0))
 
     @property
@@ -109,7 +109,7 @@ class Patterns(NamedTuple):
         return float(known.min()) if len(known) else float("nan")
 
     def sentences(self, camera_names: Sequence[str] | None = None) -> tuple[str, ...]:
-        """Name the cameras whose pattern cannot be overlooked."""
+        """Describe the cameras with a strong pattern."""
         warnings = []
         shares, coefficients = self.explained.share, self.explained.coefficient
         for camera, kind in np.argwhere(shares > LARGEST_SHARE).tolist():
@@ -145,7 +145,7 @@ def residual_patterns(state: EvidenceState) -> Patterns | None:
     member = groups.member[group]
     frame = trails.frame[rows]
     half = np.where(frame < np.median(frame), -1.0, 1.0)
-    half -= half.mean()  # one instant has no halves
+    half -= half.mean()  # a single instant has no halves
     _, block = np.unique(
         np.stack([trails.track[rows], frame // BLOCK], -1), axis=0, return_inverse=True
     )
@@ -185,7 +185,7 @@ def seen_together(
         rate: (n, C) probability that it does.
 
     Returns:
-        (C, C), NaN on the diagonal and where few are expected.
+        (C, C), NaN on the diagonal and where few joint sightings are expected.
     """
     together = np.full((rate.shape[1],) * 2, np.nan)
     expected = rate.T @ rate

@@ -1,9 +1,9 @@
-"""Uncertainty of the whole map due to camera pose errors, which all boxes of a camera share.
+"""Uncertainty of the whole map due to camera pose errors, shared by all boxes of a camera.
 
 Random errors of boxes average out over cameras and time, but the offset of a camera does not.
-Residuals between cameras show only relative offsets; a shift, rotation or scale g of the whole map
-is not visible in any residual. If g moves the edges by J D g, then the offsets beta_c, common to
-all boxes of camera c, change the map by
+Residuals between cameras show only relative offsets; no residual shows a shift, rotation or scale g
+of the whole map. If g moves the edges by J D g, then the offsets beta_c, common to all boxes of
+camera c, change the map by
 
     g = T^-1 sum_c M_c beta_c,  T = sum D'J'W J D,  M_c = sum over the camera's boxes D'J'W f_c
 
@@ -15,8 +15,8 @@ an error of a pose.
 The scatter of few cameras is itself uncertain. It has one degree of freedom less than there are
 cameras, plus one for the prior scatter of a rig. Then g over its stated deviation follows Student's
 t with as many degrees of freedom as there are cameras, and B is widened to match its 95 % ellipse.
-This is the usual correction for few clusters (Cameron and Miller, 2015) with a prior, without which
-two cameras are not informative.
+This is the usual correction for few clusters (Cameron and Miller, 2015), with a prior, without
+which two cameras would not be informative.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def shared_covariance(
     """Covariance that camera pose errors add to each position, in H0².
 
     Args:
-        state: with the people to report, and the offsets found by self-calibration.
+        state: includes the people to report and the offsets found by self-calibration.
         settings: for the assumed calibration error.
 
     Returns:
@@ -70,7 +70,7 @@ def mode_sums(
     member: Int[np.ndarray, "n cam"],
     state: EvidenceState,
 ) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "cam 4 3"]]:
-    """Sum what the boxes of n people say about the modes of the map.
+    """Sum the information of n people's boxes on the modes of the map.
 
     Args:
         people: (n, 3) positions and heights in H0.
@@ -80,7 +80,7 @@ def mode_sums(
 
     Returns:
         normal: (4, 4) information on the modes.
-        lever: (C, 4, 3) right-hand side per radian by which a camera's edges are off.
+        lever: (C, 4, 3) right-hand side per radian of offset of a camera's edges.
     """
     normal, lever = np.zeros((MODES, MODES)), np.zeros((member.shape[1], MODES, 3))
     view, views = state.boxes.view, state.views
@@ -113,7 +113,7 @@ def scatter_between(
 
     Args:
         offsets: (C, 3) mean offset of each camera, at least one.
-        assumed: usual standard deviation of offsets, with the weight of one degree of freedom.
+        assumed: usual standard deviation of offsets, weighted as one degree of freedom.
     """
     count = len(offsets)
     away = offsets - offsets.mean(0)
@@ -128,7 +128,7 @@ def offset_scatter(
 
     Args:
         member: (n, C) boxes of people, -1 for none.
-        state: with the offsets.
+        state: includes the offsets.
         settings: for the assumed calibration error.
 
     Returns:

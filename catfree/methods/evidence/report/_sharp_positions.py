@@ -1,4 +1,4 @@
-"""How sure a reported position is, and whether that is sure enough."""
+"""Precision of positions, and whether it suffices to report them."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,16 +13,18 @@ def sharp_positions(
     probability: Float[np.ndarray, " node"],
     settings: EvidenceSettings,
 ) -> tuple[Float[np.ndarray, "node 2 2"], Bool[np.ndarray, " node"]]:
-    """Choose the rows that are more likely than not a person at the right place.
+    """Choose the rows that are more likely than not a person at the correct place.
 
     Args:
         covariance: of the states of M rows in H0.
-        shift: (M, 2) movement per unit that a person stands above the plane, see `_uneven_ground`.
+        shift: (M, 2) position shift per unit of height of the feet above the plane, see
+            `_uneven_ground`.
         probability: (M,) that the person is present.
-        settings: `report_radius` is the largest error of a right place.
+        settings: `report_radius` is the largest error of a correct place.
 
     Returns:
-        (M, 2, 2) covariances of the positions, with sway and uneven ground, and (M,) the choice.
+        (M, 2, 2) covariances of the positions, with sway and uneven ground, and (M,) whether
+        chosen.
     """
     spread = covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
     spread = spread + settings.unevenness**2 * (shift[:, :, None] * shift[:, None, :])

@@ -1,13 +1,13 @@
 """Position errors of people who do not stand exactly on the ground plane.
 
-Cameras on one side of a person share the error: for a foot z above the plane, their positions move
-along the same ray by z times distance over camera height. Cameras on all sides cancel it. With
-edges linear in the state s and in z, edges = J s + j z + noise, the estimate moves by
+Cameras on one side of a person share the error: a foot z above the plane shifts their positions
+along similar rays by z times distance over camera height. With cameras on all sides, the shifts
+cancel. With edges linear in the state s and in z, edges = J s + j z + noise, the estimate moves by
 
     ds / dz = (J'W J + prior)^-1 J'W j
 
 and both sums add over cameras. A smoothed position depends on its neighbors in time, so the median
-movement around it is used; a single chance match with another camera must not determine it.
+shift around it is used; a single chance match with another camera must not determine it.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ from catfree.settings import EvidenceSettings
 def ground_shift(
     trails: Trails, state: EvidenceState, settings: EvidenceSettings
 ) -> Float[np.ndarray, "node 2"]:
-    """Movement of each position, by its own boxes, per unit that its person stands above the plane.
+    """Shift of each position, from its own boxes, per unit of height of the feet above the plane.
 
     Args:
         trails: the tracks.
@@ -50,10 +50,10 @@ def ground_shift(
 def usual_shift(
     trails: Trails, shift: Float[np.ndarray, "node 2"], reach: int
 ) -> Float[np.ndarray, "node 2"]:
-    """Median (by length) of the movements of the rows around each row of a track.
+    """Median (by length) of the shifts of the rows around each row of a track.
 
     Args:
-        trails: the tracks; within the reach of each row, boxes show its person at least once.
+        trails: the tracks; each row has at least one row with boxes within reach.
         shift: (M, 2) result of `ground_shift`.
         reach: number of frames on either side to consider.
     """

@@ -1,4 +1,4 @@
-"""Working area: the ground where the rig's geometry locates an unhidden person precisely."""
+"""Working area: the ground where the rig locates an unoccluded person precisely."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
 from catfree.types._sampling import evenly_spread
 
-MOST_SAMPLES = 16384  # positions that teach what is usual
+MOST_SAMPLES = 16384  # positions from which the usual place is learned
 
 
 def coverage_of(
@@ -25,12 +25,12 @@ def coverage_of(
     noise: Noise,
     settings: EvidenceSettings,
 ) -> Float[np.ndarray, "person 2"]:
-    """How well the rig covers the places of people, if nobody hides them.
+    """Compute how well the rig covers places without occlusion.
 
     Returns:
         (n, 2) ground uncertainty in H0, and number of images with the whole body.
     """
-    # Positions that no camera sees are vague, not undefined.
+    # A weak prior makes positions that no camera sees vague, not undefined.
     info = np.tile(1e-6 * np.eye(3), (len(state), 1, 1))
     for camera, edge in enumerate(noise.edge):  # all slopes together would be large
         matrix, focal = pinholes_towards(state, camera, views)
@@ -52,12 +52,13 @@ def in_working_area(
     cameras: int,
     settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " person"]:
-    """Mark the positions in the working area, relative to the places where people go, (n,).
+    """Mark the positions in the working area, relative to the usual places of people, (n,).
 
-    Two criteria must hold. The design uncertainty is not far above the median of the places. The
-    number of images with the whole body is less than half of the rig (`missing_views`) below what
-    most places have (`most_places`), or it is at least `witnesses`, with which the cameras check
-    each other anywhere; where most places have fewer than these, this criterion does not count.
+    Two criteria must hold. First, the design uncertainty is not far above the median of the places.
+    Second, the number of images with the whole body is less than half of the rig (`missing_views`)
+    below that of most places (`most_places`), or at least `witnesses`, which suffice for the
+    cameras to check each other. The second criterion is waived if most places have fewer such
+    images than that.
 
     Args:
         xy: (n, 2) positions in H0.
@@ -74,10 +75,10 @@ def in_working_area(
 
 
 class UsualPlace(NamedTuple):
-    """How well the rig covers the places where people go.
+    """Typical coverage of the places where people go.
 
     Attributes:
-        sigma: median design uncertainty, in the unit of what it was learned from.
+        sigma: median design uncertainty, in the unit of its input.
         whole: number of images with the whole body that most places have.
     """
 
@@ -87,7 +88,7 @@ class UsualPlace(NamedTuple):
     def holds(
         self, coverage: Float[np.ndarray, "person 2"], cameras: int, settings: EvidenceSettings
     ) -> Bool[np.ndarray, " person"]:
-        """Mark the places in the area by how well the rig covers them, (n,)."""
+        """Mark the places whose coverage puts them in the area, (n,)."""
         sigma, whole = coverage.T
         enough = self.whole - whole < settings.missing_views * cameras
         enough |= (whole >= settings.witnesses) | (self.whole < settings.witnesses)
@@ -99,11 +100,11 @@ def usual_place(
     coverage: Float[np.ndarray, "person 2"],
     settings: EvidenceSettings,
 ) -> UsualPlace:
-    """Learn from people, at least one; each place counts once, however long somebody stands there.
+    """Learn from at least one position; each place counts once, however long somebody stands there.
 
     Args:
-        xy: as `in_working_area`, of which an even sample is used if there are many; positions
-            closer than `report_radius` share the weight of one.
+        xy: as `in_working_area`; many are evenly subsampled. Positions closer than `report_radius`
+            share the weight of one.
         coverage: as `in_working_area`.
         settings: constants.
     """

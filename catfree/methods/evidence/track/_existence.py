@@ -13,7 +13,7 @@ from catfree.methods.evidence.observe._ground_cells import CELLS
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
 
-CLUTTER_ROUNDS = 6  # of expectation maximization: it converges to a few percent in five
+CLUTTER_ROUNDS = 6  # of expectation maximization; five converge to a few percent
 
 
 @jax.tree_util.register_dataclass
@@ -23,7 +23,7 @@ class Existence:
 
     Attributes:
         log_odds: (H,) log-odds that a person is present.
-        rate: (H, C) detection probability, 0 for cameras without a frame.
+        rate: (H, C) detection probability, 0 for cameras without a picture.
         clutter: (2, C, cells, cells) expected number of boxes of people, and of other boxes, in
             every cell of every camera.
     """
@@ -34,13 +34,13 @@ class Existence:
 
 
 def not_judged(groups: int, cameras: int) -> Existence:
-    """Existence of groups before any evidence."""
+    """Return the existence of groups before any evidence."""
     unknown = np.zeros((groups, cameras))
     return Existence(unknown.sum(1), unknown, np.zeros((2, cameras, CELLS, CELLS)))
 
 
 def with_pictures(visibility: Views, frame: Int[np.ndarray, " person"], boxes: Boxes) -> Views:
-    """Take everybody out of the images of cameras known to have no picture of the frame."""
+    """Set the visibility to 0 where a picture is known to be missing."""
     return replace(visibility, inside=np.where(boxes.silent[frame], 0.0, visibility.inside))
 
 
@@ -49,7 +49,7 @@ def delivered(
 ) -> np.ndarray:
     """Mark the frames that each camera delivered, (F, C).
 
-    A frame without any box, though many people are expected, counts as not delivered.
+    A frame without boxes although many people are expected counts as not delivered.
     """
     expected = np.zeros(boxes.table.shape[:2])
     strong = (groups.member >= 0).sum(1) >= 2
@@ -73,18 +73,19 @@ def judge_groups(
     settings: EvidenceSettings,
     clutter: Float[np.ndarray, "2 cam cells cells"] | None = None,
 ) -> Existence:
-    """Compute log-odds of every group, with clutter as counted before or learned from the groups.
+    """Compute the log-odds of every group, with given clutter or clutter learned from the groups.
 
     Args:
         groups: the groups.
         agreement: (H,) appearance term.
-        cell: (N,) cell of each box in its camera's map. A cell is where its box alone places a
-            person: what is not a person recurs in the same pixels, whatever it is grouped with.
+        cell: (N,) cell of each box in its camera's map: where the box alone places a person. False
+            boxes recur at the same pixels, whatever they are grouped with.
         boxes: the boxes.
         probability: (H, C) detection probability of each group in each camera.
         usual: (C,) mean of it over the people whom each camera detects.
         settings: constants.
-        clutter: as in `Existence`, of earlier boxes; None to learn it by expectation maximization.
+        clutter: as in `Existence`, from earlier boxes; None to learn it by expectation
+            maximization.
     """
     member = groups.member
     pictured = delivered(probability, groups, boxes, settings)
@@ -115,10 +116,10 @@ def log_odds_without_clutter(
     usual: Float[np.ndarray, " cam"],
     settings: EvidenceSettings,
 ) -> Float[np.ndarray, " group"]:
-    """Log-odds of groups (H,) if clutter is as frequent as boxes of people.
+    """Log-odds of groups (H,), assuming that clutter is as frequent as boxes of people.
 
-    Boxes of people are as rare as detections are improbable, so a detection counts relative to
-    those of the other people whom the camera detects.
+    Where detections are improbable, boxes of people are rare, so a detection counts relative to the
+    other people whom the camera detects.
 
     Args:
         gain: (H,) log evidence for one person, with appearance.
@@ -129,7 +130,7 @@ def log_odds_without_clutter(
     """
     if settings.use_misses:
         gain = gain + misses(np.where(member < 0, probability, 0.0))
-    # Who was detected was visible, whatever was expected.
+    # A detected person was visible, whatever was expected.
     rate = np.maximum(probability, settings.detection_rate_range[0])
     return gain + np.where(member >= 0, np.log(rate / usual), 0.0).sum(1)
 
@@ -139,7 +140,7 @@ def clutter_at(
     counts: Float[np.ndarray, "2 cam cells cells"],
     settings: EvidenceSettings,
 ) -> Float[np.ndarray, " n"]:
-    """Ratio of clutter to people around cells, shrunk towards that of the whole camera."""
+    """Ratio of clutter to people around cells, shrunk toward that of the whole camera."""
     person, other = counts.sum((2, 3))
     ratio = (other + 1) / (person + 1)
     c, i, j = np.unravel_index(cell, counts.shape[1:])

@@ -1,13 +1,11 @@
-"""Decide who is who among the reported positions, from the past and the future of each instant.
+"""Identities of the reported positions, from the past and the future of each instant.
 
-A chain is the positions of one identity. At each instant every chain has a past, which a Kalman
-filter sums up, and a future, which a filter backward in time sums up. How likely a future continues
-a past then follows from two Gaussians, and one assignment finds the best pairs of all pasts with
-all futures. This mends lost identities and exchanged ones alike. A sweep over all instants never
-lowers the evidence of the chains; sweeps are repeated until nothing changes, a few times at most,
-and before each one the rates at which people leave and hide are estimated from the chains.
-
-Positions are not changed.
+A chain is the positions of one identity. At each instant, a Kalman filter summarizes the past of
+every chain, and a backward filter its future. The likelihood that a future continues a past then
+follows from two Gaussians, and one assignment finds the best pairs of all pasts with all futures.
+This repairs both lost and switched identities. A sweep over all instants never lowers the evidence
+of the chains. Sweeps are repeated until nothing changes, a few times at most; before each one, the
+rates at which people leave and hide are estimated from the chains. Positions do not change.
 """
 
 from dataclasses import replace
@@ -38,11 +36,11 @@ from catfree.methods.evidence.track._tracking import (
     within_bounds,
 )
 
-SWEEPS = 4  # at most, which a recording of a few minutes takes
-HORIZON = 40  # frames between a past and a future that are compared
-HOPELESS = -10.0  # log evidence of the places alone below which they are not
+SWEEPS = 4  # at most; a recording of a few minutes takes as many
+HORIZON = 40  # most frames between a past and a future that are compared
+HOPELESS = -10.0  # log evidence of places alone; pairs below are not compared
 LAGS = 3  # of each of the two groups of lags from which the memory is estimated
-LONGEST_MEMORY = 0.99  # straight on for a hundred steps
+LONGEST_MEMORY = 0.99  # a hundred steps straight ahead
 
 
 class AbsenceHabits(NamedTuple):
@@ -59,7 +57,7 @@ class AbsenceHabits(NamedTuple):
     stay_hidden: float
 
     def surprise(self, hidden: Int[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Negative log probability of having been hidden for exactly so many frames."""
+        """Negative log probability of being hidden for exactly this many frames."""
         cost = -np.log(self.hide) - np.log1p(-self.stay_hidden)
         return np.where(hidden > 0, cost - (hidden - 1) * np.log(self.stay_hidden), 0.0)
 
@@ -71,14 +69,15 @@ def identify(
     info: Information,
     population: Population,
 ) -> Int[np.ndarray, " node"]:
-    """Give each reported position an identity; no identity occurs twice in a frame.
+    """Give each reported position an identity, unique within its frame.
 
     Args:
-        trails: the tracks, whose identities are the start.
+        trails: the tracks, whose identities are the initial ones.
         reported: (M,) which of their rows to use.
         error: (M, 2, 2) covariance of the positions beyond that of the boxes, in H0².
         info: (H) of the boxes of each group of the trails.
-        population: what is known of all; its `motion` is used where the chains say too little.
+        population: common to all; its `motion` is used where the chains are too short to estimate
+            it.
 
     Returns:
         (M,) identity, -1 for rows that are not reported.
@@ -121,7 +120,7 @@ def seen_positions(
     small_vector = np.einsum("nij,nj->ni", small, trails.mean[rows, :3])
     small[is_detected] = info.matrix[group[is_detected]]
     small_vector[is_detected] = info.vector[group[is_detected]]
-    # (I⁻¹ + E)⁻¹ = (1 + I E)⁻¹ I, which needs no inverse of I: one view may leave it singular.
+    # (I⁻¹ + E)⁻¹ = (1 + I E)⁻¹ I avoids the inverse of I, which is singular for some single views.
     wider = np.eye(3) + small @ np.pad(error[rows], ((0, 0), (0, 1), (0, 1)))
     matrix = np.linalg.solve(wider, small)
     vector = np.linalg.solve(wider, small_vector[..., None])[..., 0]
@@ -134,12 +133,13 @@ def seen_positions(
 def estimate_habits(
     frame: Int[np.ndarray, " n"], chain: Int[np.ndarray, " n"], frames: int
 ) -> AbsenceHabits:
-    """Rates of the chains by Laplace's rule of succession.
+    """Estimate the rates of the chains by Laplace's rule of succession.
 
     Args:
         frame: (N,) sorted frame indices.
         chain: (N,) identities from 0.
-        frames: of the sequence; who is there at its beginning or end neither came nor left.
+        frames: number of frames of the sequence; people present at its beginning or end neither
+            came nor left.
     """
     order = np.argsort(chain, kind="stable")
     step = np.diff(frame[order])
@@ -161,16 +161,17 @@ def estimate_walk(
     chain: Int[np.ndarray, " n"],
     population: Population,
 ) -> Motion:
-    """Estimate speed and memory from products of the steps of one chain, a few frames apart.
+    """Estimate speed and memory from products of steps of one chain that are a few frames apart.
 
-    The error of a position only enters neighboring steps, so products of steps further apart are
-    those of the velocity: speed² memory^lag. The memory is returned to the power of `sudden`.
+    The error of a position affects only neighboring steps, so products of steps farther apart are
+    those of the velocity: speed² memory^lag. The returned memory is raised to the power of
+    `sudden`.
 
     Args:
         position: (N, 2) in H0.
         frame: (N,) sorted frame indices.
         chain: (N,) identities.
-        population: its `motion` is the result if there are too few steps, or if they do not
+        population: its `motion` is returned if there are too few steps, or if velocities do not
             persist.
     """
     time, usual, settings = population.time, population.motion, population.settings
@@ -200,7 +201,7 @@ class ChainBoxes(NamedTuple):
     """The boxes of each chain's positions.
 
     Attributes:
-        looks: of the K chains.
+        looks: looks of the K chains.
         sightings: (K,) number of positions with an embedding.
     """
 
@@ -223,14 +224,14 @@ class ChainBoxes(NamedTuple):
         return jax.tree.map(lambda part: part[chains], self)
 
     def subtract(self, seen: SeenPositions, chain: Int[np.ndarray, " n"]) -> None:
-        """Take away positions of different chains, in place."""
+        """Remove positions, each of a different chain, in place."""
         self.looks.total[chain] -= seen.looks.total
         self.looks.boxes[chain] -= seen.looks.boxes
         self.sightings[chain] -= seen.looks.boxes > 0
 
 
 class Futures(NamedTuple):
-    """Chains from one frame on: the chain of each, its information, and frames until it is seen."""
+    """Chains from one frame on: their index, information, and frames until they are seen."""
 
     chain: Int[np.ndarray, " k"]
     matrix: Float[np.ndarray, "k 5 5"]
@@ -241,7 +242,7 @@ class Futures(NamedTuple):
 def futures_of(
     at: list[np.ndarray], seen: SeenPositions, chain: np.ndarray, steps: list[tuple]
 ) -> list[Futures]:
-    """Compute the information on each chain's state at each frame from that and later frames."""
+    """Compute the information on each chain's state at each frame from that frame onward."""
     place = np.full(chain.max(initial=-1) + 1, -1)
     future = Futures(np.zeros(0, int), np.zeros((0, 5, 5)), np.zeros((0, 5)), np.zeros(0, int))
     futures = []
@@ -263,7 +264,7 @@ def futures_of(
         matrix[old, :3, :3] += seen.matrix[hit]
         vector[old, :3] += seen.vector[hit]
         wait[old] = 0
-        # Nothing is known of the velocity.
+        # The velocity is unknown.
         new_matrix = np.pad(seen.matrix[fresh], ((0, 0), (0, 2), (0, 2)))
         new_vector = np.pad(seen.vector[fresh], ((0, 0), (0, 2)))
         future = Futures(
@@ -279,7 +280,7 @@ def futures_of(
 def _of_known_and_any_height(
     mean: Float[np.ndarray, "t 5"], cov: Float[np.ndarray, "t 5 5"], spread: float
 ) -> tuple[Float[np.ndarray, "2 t 5"], Float[np.ndarray, "2 t 5 5"]]:
-    """States and covariances: as they are, and of people of unknown height."""
+    """States and covariances: as given, and with unknown height."""
     mean, cov = np.stack([mean, mean]), np.stack([cov, cov])
     mean[1, :, 2], cov[1, :, 2], cov[1, :, :, 2] = 1.0, 0.0, 0.0
     cov[1, :, 2, 2] = spread**2
@@ -293,17 +294,16 @@ def sweep(
     habits: AbsenceHabits,
     population: Population,
 ) -> Int[np.ndarray, " n"]:
-    """Match pasts and futures once at every frame, in order of time.
+    """Match pasts and futures once at every frame, in temporal order.
 
     Args:
         frame: (N,) sorted frame indices.
         seen: (N) the positions.
         chain: (N,) identities from 0, none twice in a frame.
         habits: rates of leaving and hiding.
-        population: what is the same for all chains.
+        population: common to all chains.
 
-    Returns:
-        (N,) new identities from 0 in the order of their first positions.
+    Returns: (N,) new identities from 0, in the order of their first positions.
     """
     bounds = np.searchsorted(frame, np.arange(len(population.time) + 1))
     at = [np.arange(a, b) for a, b in pairwise(bounds)]
@@ -329,7 +329,7 @@ def sweep(
         count += len(begun)
         now = seen.at(rows)
         pasts = extend(pasts, linked, begun, now, population.spread, population.motion.speed)
-        pasts = pasts.seen_within(HORIZON - 1)  # others can no longer be continued
+        pasts = pasts.seen_within(HORIZON - 1)  # drop chains that can no longer be continued
         ahead.subtract(now, chain[rows])
     return names
 
@@ -348,17 +348,16 @@ def match_chains(
         future: (K) the chains from this frame on.
         ahead: (K) their boxes.
         habits: rates of leaving and hiding.
-        population: what is the same for all chains.
+        population: common to all chains.
 
-    Returns:
-        (K,) row of the past that each continues, or -1.
+    Returns: (K,) row of the past that each continues, or -1.
     """
     _, matrix, vector, wait = future
     density, spread, speed = population.density, population.spread, population.motion.speed
-    # Of the prior of a new person, and of leaving and coming instead of staying.
+    # Terms of the prior of a new person, and of leaving and coming instead of staying.
     constant = np.log(2 * np.pi * density) - np.log(spread * speed**2)
     constant += 2 * np.log(habits.leave) - 0.5 / spread**2
-    # Each future, taken for somebody never seen before, whose height and velocity are usual.
+    # Each future as a person never seen before, with usual height and velocity.
     alone = matrix + np.diag([0.0, 0.0, spread**-2, speed**-2, speed**-2])
     start = vector + np.array([0.0, 0.0, spread**-2, 0.0, 0.0])
     around = np.linalg.inv(alone)
@@ -373,11 +372,11 @@ def match_chains(
     i, j = np.nonzero((hope > HOPELESS) & (hidden < HORIZON))
     mean, cov = _of_known_and_any_height(mean[i], cov[i], spread)
     same = log_likelihood_of_states(mean, cov, matrix[j], vector[j])
-    misled = population.settings.foot_outlier  # the heights of one person do not agree
+    misled = population.settings.foot_outlier  # heights mislead: those of one person disagree
     same += np.log([[1 - misled], [misled]])
     gain = np.zeros(hope.shape)
     gain[i, j] = np.logaddexp(*same) - value[j] - surprise[i, j]
-    # A whole future counts like one usual position of it: its errors are common.
+    # A whole future counts as one usual position, because its errors are shared.
     each = ahead.looks.boxes / np.maximum(ahead.sightings, 1)
     ratio = compare_looks(pasts.looks, ahead.looks, each, population.likeness)
     gain[i, j] += ratio[i, j]

@@ -1,6 +1,6 @@
-"""What is known of each person up to one instant: a Kalman filter, forward in time.
+"""The past of each person up to an instant: a forward Kalman filter.
 
-Tracks are followed this way, and so are the identities that are made of them.
+It follows both tracks and the identities made of them.
 """
 
 from typing import NamedTuple
@@ -16,12 +16,12 @@ from catfree.types._annotations import HostOrDevice
 
 
 class SeenPositions(NamedTuple):
-    """What boxes say of positions.
+    """Information of boxes on positions.
 
     Attributes:
         matrix: (N, 3, 3) information of y1, y2, H.
         vector: (N, 3) the matrix times the measured state.
-        looks: of the N positions.
+        looks: looks of the N positions.
     """
 
     matrix: Float[HostOrDevice, "n 3 3"]
@@ -34,13 +34,13 @@ class SeenPositions(NamedTuple):
 
 
 class Pasts(NamedTuple):
-    """The people of an instant, each with the positions of one name so far.
+    """The people of an instant, each estimated from the positions of one name so far.
 
     Attributes:
-        name: (T,) number.
-        gap: (T,) frames since the last position; 0 if it is of this instant.
+        name: (T,) number of each person.
+        gap: (T,) frames since the last position; 0 if in this instant.
         mean: (T, 5) y1, y2, H, v1, v2 per usual step, and `covariance`: (T, 5, 5).
-        looks: of the T people.
+        looks: looks of the T people.
     """
 
     name: Int[np.ndarray, " past"]
@@ -54,23 +54,23 @@ class Pasts(NamedTuple):
         return jax.tree.map(lambda part: part[rows], self)
 
     def seen_within(self, frames: int) -> "Pasts":
-        """Those with a position in this instant or so many before it."""
+        """Select those with a position in this instant or this many before it."""
         return self.at(self.gap <= frames)
 
 
 def no_pasts(dim: int) -> Pasts:
-    """Nobody yet, with embeddings of `dim` numbers."""
+    """Return no people, with room for embeddings of `dim` numbers."""
     none = np.zeros(0, int)
     return Pasts(none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), no_looks(0, dim))
 
 
 def predict(pasts: Pasts, A: Float[np.ndarray, "5 5"], Q: Float[np.ndarray, "5 5"]) -> Pasts:
-    """Where people are after a step with this transition and noise."""
+    """Predict people one step ahead with this transition and noise."""
     return pasts._replace(mean=pasts.mean @ A.T, covariance=A @ pasts.covariance @ A.T + Q)
 
 
 def assign(gain: Float[np.ndarray, "past n"]) -> Int[np.ndarray, " n"]:
-    """Assign people to positions so that the sum of the positive gains is greatest.
+    """Assign people to positions so as to maximize the sum of positive gains.
 
     Args:
         gain: (T, N) log evidence that a position continues a past rather than being a new person.
@@ -93,14 +93,14 @@ def extend(
     spread: float,
     speed: float,
 ) -> Pasts:
-    """Add the positions of an instant to the people before it, and begin new people after them.
+    """Add the positions of an instant to the people before it, and append new people.
 
     Args:
         pasts: the people before, predicted for this instant.
         linked: (n,) the past that each position continues; -1 begins a new one.
-        begun: names of the new ones, in the order of their positions.
+        begun: names of the new people, in the order of their positions.
         seen: (n) the positions.
-        spread: of heights in H0.
+        spread: standard deviation of heights in H0.
         speed: standard deviation of a velocity component, H0 per usual step.
     """
     hit, new = linked >= 0, linked < 0
@@ -128,8 +128,8 @@ def corrected_states(
     matrix: Float[HostOrDevice, "t d d"],
     vector: Float[HostOrDevice, "t d"],
 ) -> tuple[Float[np.ndarray, "t n"], Float[np.ndarray, "t n n"]]:
-    """Uncertain states after information (M, v) on their first d numbers."""
-    # (C⁻¹ + M)⁻¹ = (1 + C M)⁻¹ C; nothing is subtracted, so that it remains positive definite.
+    """Update states with information (M, v) on their first d components."""
+    # (C⁻¹ + M)⁻¹ = (1 + C M)⁻¹ C has no subtraction, so it stays positive definite.
     part = covariance[:, :, : vector.shape[-1]]
     loss = np.tile(np.eye(mean.shape[-1]), (len(mean), 1, 1))
     loss[:, :, : vector.shape[-1]] += part @ matrix

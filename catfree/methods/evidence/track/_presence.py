@@ -16,13 +16,13 @@ def presence(
     """Posterior probability that the person of each row is present, from a two-state chain.
 
     In the on state, a frame adds its evidence; switching on or off costs `change` (log-odds), and
-    the track may end in the on state. A track with less total evidence than that is never on.
+    the track may end in the on state. A track whose total evidence is below `change` is never on.
 
     Args:
         trails: rows sorted by track and frame.
         evidence: (M,) log-odds of each row.
         change: cost of appearing, and of disappearing before the track ends.
-        forward: (M, 2) `chain_weights`, if earlier rows than these are known.
+        forward: (M, 2) `chain_weights`, if earlier rows are known.
 
     Returns:
         (M,) probability.
@@ -37,11 +37,12 @@ def presence(
 def step_forward(
     on: np.ndarray, off: np.ndarray, evidence: np.ndarray, change: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Log weights of being present or not, one frame later; only their difference counts.
+    """Advance the log weights of being present or not by one frame; only their difference counts.
 
     Args:
-        on: (T,) of all histories so far that end present; minus infinity before the first frame.
-        off: (T,) of those that do not; 0 before the first frame.
+        on: (T,) log weight of all histories that end present; minus infinity before the first
+            frame.
+        off: (T,) log weight of the others; 0 before the first frame.
         evidence: (T,) log-odds of the frame.
         change: cost of appearing, and of disappearing.
     """
@@ -62,7 +63,7 @@ def chain_weights(
         trails: rows sorted by track and frame.
         evidence: (M,) log-odds of each row.
         change: cost of appearing, and of disappearing.
-        last: given later rows instead of earlier ones.
+        last: use later rows instead of earlier ones.
 
     Returns:
         (M, 2) on and off; only their difference counts, see `step_forward`.
@@ -73,7 +74,7 @@ def chain_weights(
     begin, length = begin[longest], length[longest]
     on, off = np.full(len(begin), 0.0 if last else -change), np.zeros(len(begin))
     for step in range(int(length.max(initial=0))):
-        active = np.count_nonzero(length > step)  # the first ones: they are sorted
+        active = np.count_nonzero(length > step)  # sorted, so these are the first ones
         row = begin[:active] + (length[:active] - 1 - step if last else step)
         on, off = on[:active], off[:active]
         if step == 0:

@@ -1,8 +1,8 @@
-"""Suppress overlapping tracks: of tracks at one position, keep the one with more evidence.
+"""Suppression of overlapping tracks: at each position, the one with most evidence is kept.
 
-Cameras that disagree about a person can split into subsets, each of which places the person at a
-slightly different position. Similar boxes hold each subset together, and once tracked, each track
-confirms itself in the next pass.
+Cameras that disagree about a person can split into subsets that place the person at slightly
+different positions. Similar boxes hold each subset together, and in the next pass each track
+confirms itself.
 """
 
 import numpy as np
@@ -18,10 +18,10 @@ def suppress_overlapping_tracks(
     present: Bool[np.ndarray, " node"],
     radius: float,
 ) -> Bool[np.ndarray, " node"]:
-    """Keep only the best supported of the people at one position.
+    """Keep only the best supported person at each position.
 
-    A person seen in the frame takes precedence over a person in a gap between sightings, then the
-    person whose track has more total evidence, then the one with the more precise position.
+    A person seen in the frame takes precedence over one in a gap; then more total evidence of the
+    track decides, then the more precise position.
 
     Args:
         trails: the tracks.
@@ -42,7 +42,7 @@ def one_per_place(
     present: Bool[np.ndarray, " node"],
     radius: float,
 ) -> Bool[np.ndarray, " node"]:
-    """Do what `suppress_overlapping_tracks` does, given the total evidence of each row's track."""
+    """Suppress as `suppress_overlapping_tracks`, given the total evidence of each row's track."""
     if radius <= 0 or not present.any():
         return present
     vagueness = np.trace(trails.covariance[:, :2, :2], axis1=1, axis2=2)

@@ -23,8 +23,8 @@ from catfree.methods.evidence.track._pasts import (
 from catfree.settings import EvidenceSettings
 from catfree.types._annotations import HostOrDevice
 
-CONSECUTIVE = 1.5  # usual steps: frames farther apart are not used for the speed
-LINKS_AT_A_TIME = 1 << 20  # pairs of a track and a group: 100 MB
+CONSECUTIVE = 1.5  # usual steps; frames farther apart are not used for the speed
+LINKS_AT_A_TIME = 1 << 20  # pairs of a track and a group; 100 MB
 
 
 @jax.tree_util.register_dataclass
@@ -36,7 +36,7 @@ class Motion:
         speed: () standard deviation of a velocity component, H0 per frame.
         memory: () correlation of the velocity over one frame.
         jitter: () standard deviation of a step that no velocity explains, H0 per frame.
-        height_jitter: () the same of the height.
+        height_jitter: () the same for the height.
     """
 
     speed: float
@@ -93,11 +93,11 @@ def sure_groups(
     cameras: int,
     settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " group"]:
-    """Mark groups that are surely a person: seen by enough cameras, or by all if there are fewer.
+    """Mark groups that are certainly people: seen by enough cameras, or by all if there are fewer.
 
     Args:
         member: boxes of each group, -1 for none.
-        log_odds: of existence.
+        log_odds: log-odds of existence.
         cameras: number of cameras that see anybody.
         settings: constants.
     """
@@ -108,10 +108,11 @@ def sure_groups(
 def mutual_steps(
     position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "k 2"]:
-    """Displacements from each frame to the next between positions that are each other's nearest."""
+    """Displacements between mutual nearest neighbors in consecutive frames."""
     if len(frame) == 0:
         return np.zeros((0, 2))
-    # With time as the third axis: positions of another frame are farther away than any of this one.
+    # Time is the third axis, scaled so that other frames are farther away than any position of this
+    # one.
     away = 1 + float(np.ptp(position, axis=0).sum())
     places = np.column_stack([position, away * frame])
     tree, later = KDTree(places), np.array([0, 0, away])
@@ -121,7 +122,7 @@ def mutual_steps(
 
 
 def usual_motion(settings: EvidenceSettings) -> Motion:
-    """Return the motion that is assumed where too little is known of people."""
+    """Return the motion model assumed while too little is known about people."""
     return Motion(
         settings.fastest / 2, settings.memory, settings.position_jitter, settings.height_jitter
     )
@@ -130,13 +131,13 @@ def usual_motion(settings: EvidenceSettings) -> Motion:
 def counted_steps(
     position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"], settings: EvidenceSettings
 ) -> Float[np.ndarray, "2"]:
-    """Sum of squares of `mutual_steps` along both axes, each limited, and their number."""
+    """Sum of squares of `mutual_steps` along both axes, each clipped, and their number."""
     step = mutual_steps(position, frame)
     return np.array([np.minimum(step**2, settings.fastest**2).sum(), step.size])
 
 
 def motion_of(steps: Float[np.ndarray, "2"], settings: EvidenceSettings) -> Motion:
-    """Motion from `counted_steps`."""
+    """Compute the motion model from `counted_steps`."""
     squares, count = steps.tolist()
     usual = usual_motion(settings)
     if count < 2 * settings.fewest_samples:
@@ -145,12 +146,12 @@ def motion_of(steps: Float[np.ndarray, "2"], settings: EvidenceSettings) -> Moti
 
 
 def within_bounds(speed: float, settings: EvidenceSettings) -> float:
-    """A speed at which steps can be told from jitter, and at which people walk."""
+    """Clip a speed to where steps stand out from jitter and people can walk."""
     return float(np.clip(speed, settings.position_jitter, settings.fastest))
 
 
 def transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Matrix (5, 5) and noise (5, 5) of y1, y2, H, v1, v2 over some usual steps."""
+    """Transition matrix (5, 5) and noise (5, 5) of y1, y2, H, v1, v2 over some usual steps."""
     decay = motion.memory**dt
     A = np.eye(5)
     A[0, 3] = A[1, 4] = dt
@@ -197,7 +198,7 @@ def log_likelihood_of_states(
 def _link_gain(
     before: Pasts, info: Information, population: "Population"
 ) -> Float[np.ndarray, "track group"]:
-    """Log evidence that a group continues a track rather than being a new person."""
+    """Log evidence that a group continues a track rather than starting a new person."""
     density, spread, gate = population.density, population.spread, population.settings.gate
     center, around = mean_and_covariance(info, spread)
     alone = 0.5 * info.constant + log_evidence(info, density, spread)
@@ -215,16 +216,16 @@ def _link_gain(
 
 
 class Population(NamedTuple):
-    """What is the same for all tracks of a sequence.
+    """Quantities common to all tracks of a sequence.
 
     Attributes:
-        time: (F,) of each frame in usual steps.
-        motion: how people walk.
+        time: (F,) time of each frame in usual steps.
+        motion: motion model of the people.
         density: people per H0².
-        spread: of heights in H0.
+        spread: standard deviation of heights in H0.
         settings: constants.
-        looks: of the groups.
-        likeness: compares looks; None if they say nothing.
+        looks: looks of the groups.
+        likeness: compares looks; None if they are uninformative.
     """
 
     time: Float[np.ndarray, " frame"]
@@ -241,7 +242,7 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
 
     Args:
         groups: sorted by frame.
-        log_odds: (H,) of existence.
+        log_odds: (H,) log-odds of existence.
         population: the people and their frames.
 
     Returns:
@@ -263,7 +264,7 @@ def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trai
 
 
 class Node(NamedTuple):
-    """The tracks of one frame: those before it, then the new ones.
+    """The tracks of one frame: existing ones, then new ones.
 
     Attributes:
         track: (T,) number, ascending.
@@ -278,7 +279,7 @@ class Node(NamedTuple):
 
     @property
     def trails(self) -> Trails:
-        """The tracks as rows of the first frame."""
+        """The tracks as rows of a single frame."""
         frame = np.zeros(len(self.track), np.int64)
         return Trails(self.track, frame, self.group, self.mean, self.covariance)
 
@@ -290,21 +291,21 @@ def link(
     count: int,
     population: Population,
 ) -> tuple[Node, Pasts, int]:
-    """Assign groups to tracks, update these, and begin new tracks with the other groups.
+    """Assign groups to tracks, update the tracks, and begin new tracks with the other groups.
 
     Args:
         before: the tracks, predicted for this frame.
-        info: (K) of the groups of this frame.
-        group: (K,) their rows in `looks`, which `Node.group` names.
+        info: (K) information of the groups of this frame.
+        group: (K,) their rows in `looks`, as used by `Node.group`.
         count: number of the next track.
-        population: what is the same for all tracks.
+        population: common to all tracks.
 
-    Returns:
-        The tracks of this frame, those of them to follow further, and the number of the next one.
+    Returns: The tracks of this frame, those of them to follow further, and the number of the next
+        track.
     """
     settings, looks = population.settings, population.looks.at(group)
     gain = _link_gain(before, info, population) - settings.gap_penalty * before.gap[:, None]
-    # Each box of a group counts like a new box of it.
+    # Each box of a group counts as a new box.
     gain = gain + compare_looks(before.looks, looks, looks.boxes, population.likeness)
     past = assign(gain)
     is_new = past < 0
@@ -323,13 +324,13 @@ def smooth(
     """Rauch-Tung-Striebel smoothing, all tracks of a frame at once.
 
     Args:
-        history: of consecutive frames.
-        time: (F,) of these in usual steps.
+        history: nodes of consecutive frames.
+        time: (F,) their times in usual steps.
         motion: the motion model.
 
     Returns:
-        The tracks, which end with their last group, and the node of each of their rows, counted
-        over all frames.
+        The tracks, each ending with its last group, and the index of each row's node over all
+        frames.
     """
     track = np.concatenate([node.track for node in history])
     group = np.concatenate([node.group for node in history])
@@ -346,7 +347,7 @@ def smooth(
         track[order], frame[order], group[order], np.empty((rows, 5)), np.empty((rows, 5, 5))
     )
     goes_on = np.append(np.diff(trails.track) == 0, False)
-    # Each row but the last of its track is smoothed with the next one, which is final by then.
+    # Each row except the last of its track is smoothed with the next one, which is already final.
     for t in range(len(history) - 1, -1, -1):
         row = row_of[first[t] : first[t + 1]]
         present = row >= 0
@@ -367,12 +368,12 @@ def smooth(
 
 
 def no_trails() -> Trails:
-    """No tracks."""
+    """Return an empty set of tracks."""
     return unlinked(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
 
 
 def unlinked(frame: np.ndarray, state: np.ndarray, covariance: np.ndarray) -> Trails:
-    """Every group (frame (H,), state (H, 3), covariance (H, 3, 3)) as a track without velocity."""
+    """Make each group (frame (H,), state (H, 3), covariance (H, 3, 3)) a track without velocity."""
     number = np.arange(len(frame))
     mean, around = np.full((len(frame), 5), np.nan), np.full((len(frame), 5, 5), np.nan)
     mean[:, :3], around[:, :3, :3] = state, covariance
