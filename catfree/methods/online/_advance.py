@@ -1,4 +1,4 @@
-"""One instant: group its boxes with the tracks before it, and update these."""
+"""One instant: group its boxes with the existing tracks as priors, and update the tracks."""
 
 from dataclasses import replace
 from typing import Any
@@ -58,7 +58,7 @@ def advance(
     """Add an instant, once the unit is known.
 
     Args:
-        state: after the instant before.
+        state: the state after the previous instant.
         detections: usable boxes of the instant; frames are 0.
         time: seconds.
         silent: (K,) cameras without a picture.
@@ -66,8 +66,8 @@ def advance(
         settings: constants and switches.
 
     Returns:
-        The state, whose window the instant has not joined yet, and the instant; `support` counts
-        the rows of `detections`.
+        The state, whose window does not contain the instant yet, and the instant; its `support`
+        refers to rows of `detections`.
     """
     learned = state.learned
     noise, unit = learned.noise, float(learned.unit)
@@ -98,7 +98,7 @@ def advance(
     node, followed, tracks = link(heads, groups.info[rows], rows, int(state.tracks), population)
 
     def of_tracks(values: Any, absent: int = 0) -> np.ndarray:
-        """Values of the group of each track; in a gap, whose group is -1, a row of `absent`."""
+        """Take the values of each track's group, or a row of `absent` in a gap (group -1)."""
         columns = ((0, 0),) * (values.ndim - 1)
         return np.pad(values, ((0, 1), *columns), constant_values=absent)[node.group]
 
@@ -150,7 +150,7 @@ def advance(
 
 
 def _priors(state: TrackerState, heads: Pasts, noise: Noise, settings: EvidenceSettings) -> Priors:
-    """Predicted places of people who are present, one for each person."""
+    """Priors at the predicted places of people who are present, one per person."""
     present = state.forward[:, 0] > state.forward[:, 1]
     seen = np.where(heads.gap == 0, 0, -1)
     people = Node(heads.name, seen, heads.mean, heads.covariance).trails
@@ -166,7 +166,7 @@ def _carry(
     evidence: Float[np.ndarray, " t"],
     settings: EvidenceSettings,
 ) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, " t"]]:
-    """Presence and summed evidence of tracks; those followed before come first."""
+    """Advance presence and summed evidence of tracks; previously followed ones come first."""
     new = len(track) - len(state.weight)
     on = np.append(state.forward[:, 0], np.full(new, -np.inf))
     off = np.append(state.forward[:, 1], np.zeros(new))

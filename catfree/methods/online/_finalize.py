@@ -1,4 +1,4 @@
-"""Make the oldest instant final: smooth it with all later ones, and give identities."""
+"""Finalize the oldest instants: smooth them with all later ones, and assign identities."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -38,17 +38,17 @@ from catfree.methods.online._tracker_state import TICKS, Learned, PendingInstant
 from catfree.methods.online._update import Event
 from catfree.settings import EvidenceSettings
 
-# Prior counts, as of rare cases already seen: came or left, reported, hid; and frames hidden.
+# Prior counts of people who came or left, were reported, and hid; and of frames hidden.
 USUAL_HABITS = np.array([4.0, 200.0, 4.0, 12.0])
 
 
 def provisional(
     state: TrackerState, instant: PendingInstant, settings: EvidenceSettings
 ) -> tuple[TrackerState, Reported]:
-    """Judge who is there now, and learn where people go; identities are the numbers of tracks."""
+    """Judge who is present now, and learn where people go; identities are track numbers."""
     node, learned = instant.node, state.learned
     log_odds = instant.forward[:, 0] - instant.forward[:, 1]
-    # Those whom enough cameras see are reported before their track has lasted.
+    # People seen by enough cameras are reported before their track has lasted.
     cameras = int(learned.active.sum())
     sure = sure_groups(instant.support, instant.evidence, cameras, settings)
     probability = expit(np.where(sure, np.maximum(log_odds, instant.evidence), log_odds))
@@ -65,7 +65,7 @@ def provisional(
 
 
 def with_identities(state: TrackerState, reported: Reported) -> tuple[TrackerState, Reported]:
-    """Give provisional rows the identities that their tracks have now, or new ones."""
+    """Give provisional rows the current identities of their tracks, or new ones."""
     track = reported.identity
     names = _identity_of(state, track)
     unnamed = _by_precision(np.flatnonzero(names < 0), reported.position_covariance)
@@ -77,7 +77,7 @@ def with_identities(state: TrackerState, reported: Reported) -> tuple[TrackerSta
 def _in_working_area(
     place: Float[np.ndarray, "n 2"], learned: Learned, settings: EvidenceSettings
 ) -> Bool[np.ndarray, " n"]:
-    """Mark the positions in the working area, (n,); all of them until an area is known."""
+    """Mark the positions in the working area, (n,); all positions until the area is known."""
     if not settings.working_area or not np.isfinite(learned.usual).all():
         return np.ones(len(place), bool)
     usual, cameras = UsualPlace(*learned.usual.tolist()), int(learned.active.sum())
@@ -87,12 +87,12 @@ def _in_working_area(
 def _by_precision(
     rows: Int[np.ndarray, " k"], covariance: Float[np.ndarray, "n 2 2"]
 ) -> Int[np.ndarray, " k"]:
-    """Rows in an order that depends on the people only, not on the order of cameras or boxes."""
+    """Sort rows in an order that does not depend on the order of cameras or boxes."""
     return rows[np.argsort(np.trace(covariance[rows], axis1=1, axis2=2), kind="stable")]
 
 
 def _identity_of(state: TrackerState, track: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """(n,) identities that tracks have now, or -1."""
+    """(n,) current identities of tracks, or -1."""
     identity_by_track = dict(state.identity.tolist())
     return np.array([identity_by_track.get(k, -1) for k in track.tolist()], np.int64)
 
@@ -100,7 +100,7 @@ def _identity_of(state: TrackerState, track: Int[np.ndarray, " n"]) -> Int[np.nd
 def _named(
     state: TrackerState, track: Int[np.ndarray, " n"], name: Int[np.ndarray, " n"]
 ) -> TrackerState:
-    """Give identities to tracks; each belongs to one track."""
+    """Assign identities to tracks; each identity belongs to one track."""
     old = state.identity
     stale = np.isin(old[:, 0], track) | np.isin(old[:, 1], name)
     identity = np.concatenate([old[~stale], np.column_stack([track, name])])
@@ -111,12 +111,12 @@ def _named(
 def finalize(
     state: TrackerState, settings: EvidenceSettings, ready: int
 ) -> tuple[TrackerState, Reported, list[Event]]:
-    """Make the first instants of the window final.
+    """Finalize the first instants of the window.
 
     Args:
         state: with all instants so far in its window.
         settings: constants and switches.
-        ready: how many of them.
+        ready: number of instants to finalize.
 
     Returns:
         The state without these instants, their rows, and events.
@@ -186,7 +186,7 @@ def _identify(
     info: Information,
     population: Population,
 ) -> tuple[TrackerState, Int[np.ndarray, " n"], list[Event]]:
-    """Match the final positions so far with all that is known from one frame on."""
+    """Match the final positions so far with everything known from one frame on."""
     learned = state.learned
     motion = population.motion
     step = usual_steps(learned, float(state.final_time), time)
@@ -207,7 +207,7 @@ def _identify(
     numbers = track[chain[frame_nodes]]
     previous = _identity_of(state, numbers)
     names = np.append(pasts.name, -1)[linked]
-    # A track that continues no past keeps its own identity, unless a past has that one.
+    # A track that continues no past keeps its identity, unless a past has taken it.
     free = (linked < 0) & (previous >= 0) & ~np.isin(previous, pasts.name)
     names[free] = previous[free]
     trail_rows = rows[frame_nodes]
@@ -233,13 +233,13 @@ def _identify(
 
 
 def _habits(counts: Float[np.ndarray, "4"]) -> AbsenceHabits:
-    """Rates of leaving and hiding from counts, by Laplace's rule of succession."""
+    """Estimate rates of leaving and hiding from counts, by Laplace's rule of succession."""
     moved, count, times, total = counts + USUAL_HABITS
     return AbsenceHabits(moved / (2 * count), times / count, max(total - times, 1) / total)
 
 
 def forget_ended_tracks(state: TrackerState) -> TrackerState:
-    """Forget the identities of tracks that nothing refers to any more."""
+    """Forget the identities of tracks that are no longer referred to."""
     alive = [state.heads.name, *(i.node.track for i in state.window)]
     known = np.isin(state.identity[:, 0], np.concatenate(alive))
     return replace(state, identity=state.identity[known])

@@ -1,4 +1,4 @@
-"""Gather the frames of several cameras, in the order of their arrival, to instants."""
+"""Assembly of frames from several cameras, in order of arrival, into instants."""
 
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -18,17 +18,17 @@ from catfree.types._validation import (
 )
 
 LEAP = 10.0  # seconds, or intervals if these are longer
-MOST_DROPPED = 1000  # frames that were left out and are remembered
+MOST_DROPPED = 1000  # left-out frames that are remembered
 
 
 class DroppedFrame(NamedTuple):
-    """A frame that is part of no instant.
+    """A frame that was left out of all instants.
 
     Attributes:
         camera: index of the camera.
         time: of the frame in seconds.
-        reason: "late" if its instant was already handed out, "replaced" if the camera delivered a
-            newer frame of the same instant, "early" if no other camera was so far ahead.
+        reason: "late" if its instant had already been returned, "replaced" if the camera delivered
+            a newer frame of the same instant, "early" if no other camera was as far ahead.
     """
 
     camera: int
@@ -37,7 +37,7 @@ class DroppedFrame(NamedTuple):
 
 
 class _Frame(NamedTuple):
-    """What a camera delivered."""
+    """A frame delivered by a camera."""
 
     camera: int
     time: float
@@ -46,15 +46,15 @@ class _Frame(NamedTuple):
 
 @dataclass(frozen=True)
 class Instant:
-    """What the cameras saw at one moment.
+    """The frames of all cameras at one moment.
 
     Attributes:
-        number: of the instant: instants without any frame are counted, too.
+        number: number of the instant, counting instants without any frame.
         time: mean time of the frames in seconds.
-        detections: (N,) boxes of all cameras, their `frame` the number of the instant.
-        cameras: cameras that delivered a frame, in ascending order. One that is missing here said
-            nothing, which is not the same as having seen nobody.
-        dropped: frames that were left out since the previous instant was handed out.
+        detections: (N,) boxes of all cameras; their `frame` is the number of the instant.
+        cameras: cameras that delivered a frame, in ascending order. A camera that is missing here
+            has no picture, which is not the same as seeing nobody.
+        dropped: frames left out since the previous instant was returned.
     """
 
     number: int
@@ -66,24 +66,23 @@ class Instant:
 
 @dataclass
 class InstantAssembler:
-    """Gather frames that arrive one by one to instants, without a clock of its own.
+    """Assemble frames that arrive one by one into instants, using only the frames' times.
 
-    An instant is complete when all cameras delivered. Otherwise it is handed out as soon as a newer
-    instant begins or, with a `timeout`, as soon as a newer instant is complete or a frame arrives
-    that is newer by more than the timeout. Instants are handed out in order, each once.
+    An instant is complete when all cameras have delivered. An incomplete instant is returned as
+    soon as a newer one begins or, with a `timeout`, as soon as a newer one is complete or a frame
+    arrives that is newer by more than the timeout. Instants are returned in order, each once.
 
     Frames belong to the same instant if they are less than half a frame interval from its expected
-    time, which follows the times of the instants handed out. Clocks of cameras may jitter by less
-    than that, and a camera may deliver at a higher rate: the newest frame of an instant counts. A
-    frame that is more than ten seconds (or intervals, or the timeout) ahead of all others waits
-    until a frame of another camera is as far ahead: a single wrong time does not end all other
-    instants.
+    time, which follows the times of the returned instants. Camera clocks may jitter by less than
+    that. If a camera delivers at a higher rate, the newest frame of an instant counts. A frame that
+    is more than ten seconds (or intervals, or the timeout) ahead of all others waits until a frame
+    of another camera is as far ahead, so that a single wrong time does not end all other instants.
 
     Attributes:
         camera_count: number of cameras of the rig.
         frame_rate: instants per second.
-        timeout: seconds, by the times of the frames, for which an instant waits for missing cameras
-            although a newer one began.
+        timeout: seconds, by the frames' times, for which an instant waits for missing cameras after
+            a newer one began.
     """
 
     camera_count: int
@@ -102,7 +101,7 @@ class InstantAssembler:
         """Check the numbers.
 
         Raises:
-            InvalidInputError: if there is no camera, the rate is not positive, or the timeout is
+            InvalidInputError: if there are no cameras, the rate is not positive, or the timeout is
                 negative or not finite.
         """
         self.camera_count = as_count(self.camera_count, "camera_count", least=1)
@@ -112,15 +111,16 @@ class InstantAssembler:
     def add(
         self, camera: int | np.integer, time: float | int, detections: Detections
     ) -> tuple[Instant, ...]:
-        """Take a frame of one camera and return the instants that are finished by it.
+        """Add a frame of one camera and return the instants that it finishes.
 
         Args:
             camera: index of the camera.
-            time: when the frame was taken, in seconds; all cameras count from the same moment.
-            detections: (N,) its boxes, none if it shows nobody; `frame` and `camera` are replaced.
+            time: capture time in seconds; all cameras count from the same moment.
+            detections: (N,) its boxes, none if it shows nobody; their `frame` and `camera` are
+                replaced.
 
         Raises:
-            InvalidInputError: if there is no such camera, or the time is not finite.
+            InvalidInputError: if the camera does not exist, or the time is not finite.
         """
         require_instance(detections, Detections, "detections")
         camera = as_count(camera, "camera")
@@ -139,14 +139,14 @@ class InstantAssembler:
         elif self._held is None or self._held.camera == camera:
             self._drop_held()
             self._held = frame
-        else:  # two cameras agree that time went on
+        else:  # two cameras agree that time has advanced
             held, self._held = self._held, None
             for one in sorted([held, frame], key=lambda one: one.time):
                 self._place(one)
         return self._finished()
 
     def finish(self) -> tuple[Instant, ...]:
-        """Return the instants that still wait for cameras, at the end of a stream."""
+        """Return the instants still waiting for cameras at the end of a stream."""
         self._drop_held()
         instants = []
         while self._open:
@@ -154,10 +154,10 @@ class InstantAssembler:
         return tuple(instants)
 
     def take_dropped(self) -> tuple[DroppedFrame, ...]:
-        """Return the frames that were left out and that no instant has named yet, and forget them.
+        """Return the left-out frames that no instant has named yet, and forget them.
 
-        The next instant names them; ask here if a stream may end, or a clock be set back, before
-        there is one.
+        The next instant would name them; call this if the stream may end, or a clock may be set
+        back, before then.
         """
         dropped = tuple(self._dropped)
         self._dropped.clear()
@@ -165,16 +165,16 @@ class InstantAssembler:
 
     @property
     def _far(self) -> float:
-        """Seconds ahead of all other frames that are not believed of one camera."""
+        """Seconds ahead of all other frames at which a single camera is not believed."""
         return max(self.timeout, LEAP * max(1.0, 1 / self.frame_rate))
 
     def _leaps(self, time: float) -> bool:
-        """Return whether a time is too far ahead of all frames for one camera to be believed."""
+        """Return whether a time is too far ahead of all frames to believe a single camera."""
         several = self.camera_count > 1 and np.isfinite(self._newest)
         return bool(several and time - self._newest > self._far)
 
     def _drop_wrong_start(self, time: float) -> None:
-        """Leave out what the first camera delivered if it is too far ahead of the next frame."""
+        """Drop the first camera's frames if they are too far ahead of the next frame."""
         waiting = sorted(frame for frames in self._open.values() for frame in frames.values())
         alone = len({frame.camera for frame in waiting}) == 1
         if self._closed is None and alone and self._newest - time > self._far:
@@ -182,13 +182,13 @@ class InstantAssembler:
             self._open, self._origin, self._newest = {}, None, -np.inf
 
     def _drop_held(self) -> None:
-        """Leave out the frame that was ahead of all others, which no other camera confirmed."""
+        """Drop the frame that was ahead of all others and that no other camera confirmed."""
         if self._held is not None:
             self._dropped.append(DroppedFrame(self._held.camera, self._held.time, "early"))
             self._held = None
 
     def _place(self, frame: _Frame) -> None:
-        """Put a frame into its instant, if that is still open."""
+        """Put a frame into its instant if that is still open."""
         if self._origin is None:
             self._origin = 0, frame.time
         number, start = self._origin
@@ -205,7 +205,7 @@ class InstantAssembler:
             frames[frame.camera] = newer
 
     def _finished(self) -> tuple[Instant, ...]:
-        """Close what is over, and everything older."""
+        """Close instants that are over, and everything older."""
         instants = []
         while any(map(self._is_over, self._open)):
             instants.append(self._close(min(self._open)))
@@ -221,7 +221,7 @@ class InstantAssembler:
         return self._newest - max(frame.time for frame in frames.values()) > self.timeout
 
     def _close(self, number: int) -> Instant:
-        """Hand out an open instant. The others follow its time, so their frames are placed anew."""
+        """Close an open instant, and re-place the frames of the others, which follow its time."""
         frames = sorted(self._open.pop(number).values())
         time = float(np.mean([frame.time for frame in frames]))
         self._closed, self._origin = number, (number, time)

@@ -19,16 +19,16 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 from catfree.types._sampling import evenly_spread
 
-SETTLED = 64  # instants after which those before are not counted again: the limit of batch is 60
-INTERVAL = 512  # instants between later looks at noise, so that it follows slow changes
-WIDEST_SPACING = 32  # instants of the sample are at most so far apart: older ones are forgotten
+SETTLED = 64  # instants after which earlier ones are not counted again; the batch limit is 60
+INTERVAL = 512  # instants between later noise estimates, which follow slow changes
+WIDEST_SPACING = 32  # largest spacing of the sample's instants; older ones are then forgotten
 MEMORY = 2000.0  # instants after which a count weighs less by a factor of e
-PLACES = 4096  # people whose places are remembered
-FEW_PLACES = 512  # until so many are remembered, what is usual is learned at every instant
-PLACES_INTERVAL = 16  # instants between later times
-USUAL_PLACES = 1024  # of them, those that teach what is usual, in a tenth of an instant's time
+PLACES = 4096  # number of places of people to remember
+FEW_PLACES = 512  # below this number, the usual place is learned at every instant
+PLACES_INTERVAL = 16  # instants between later estimates of the usual place
+USUAL_PLACES = 1024  # places used for each estimate, which takes a tenth of an instant's time
 SAMPLED = ("frame", "camera", "box", "ankles_confirmed", "embedding")  # columns remembered
-TIMES = 101  # instants whose usual distance is the usual step
+TIMES = 101  # instants whose median distance is the usual step
 
 
 def add_to_sample(
@@ -37,12 +37,12 @@ def add_to_sample(
     silent: Int[np.ndarray, " k"],
     settings: EvidenceSettings,
 ) -> TrackerState:
-    """Remember the boxes of an instant, if its turn has come; forget others instead.
+    """Add an instant to the sample if it is due, dropping others to make room.
 
-    Until it is full, the sample takes every instant. Whenever it is full, it drops every other
-    instant and takes half as many from then on, so that it covers the stream evenly. At the widest
-    spacing, it drops the oldest. All its instants have the same columns: those of the instants that
-    have most.
+    Until it is full, the sample takes every instant. When full, it drops every other instant and
+    from then on takes half as many, so that it covers the stream evenly. At the widest spacing, it
+    drops the oldest instead. All instants have the same columns: those of the instants with most
+    columns.
     """
     number, spacing = int(state.count), int(state.spacing)
     if number % spacing or len(detections) == 0:
@@ -71,12 +71,12 @@ def add_to_sample(
 
 
 def _present(sample: Detections) -> set[str]:
-    """Names of the columns that a sample has."""
+    """List the columns of a sample."""
     return {name for name in SAMPLED if getattr(sample, name) is not None}
 
 
 def is_due(count: int) -> bool:
-    """Return whether to learn noise before an instant: often at first, then ever more rarely."""
+    """Return whether to learn noise before an instant: often at first, then less and less often."""
     doubled = count & (count - 1) == 0
     return count > 0 and (doubled if count <= INTERVAL else count % INTERVAL == 0)
 
@@ -84,7 +84,7 @@ def is_due(count: int) -> bool:
 def learn_noise_and_unit(
     state: TrackerState, scene: Scene, settings: EvidenceSettings
 ) -> TrackerState:
-    """Learn unit, noise, usual heights and likeness from the sample, as batch does."""
+    """Learn unit, noise, usual heights and likeness from the sample, as in batch."""
     learned, sample = state.learned, state.sample
     if len(sample) == 0:
         return state
@@ -100,7 +100,7 @@ def learn_noise_and_unit(
         likeness = np.array([ratios.likeness.same, ratios.likeness.other])
     trials, hits, clutter = learned.trials, learned.hits, learned.clutter
     if state.count <= SETTLED:
-        # Count all instants so far again: they were seen with less settled noise.
+        # Recount all instants so far: they were judged with less settled noise.
         seen = weigh_groups(replace(seen, ratios=ratios), settings)
         trials, hits, clutter = seen.rate.trials, seen.rate.hits, seen.existence.clutter
     old_unit = float(learned.unit)
@@ -144,7 +144,7 @@ def learn_step(state: TrackerState, time: float) -> TrackerState:
 def learn_places(
     state: TrackerState, place: Float[np.ndarray, "n 4"], settings: EvidenceSettings
 ) -> TrackerState:
-    """Remember rows of `Learned.places`, and learn what is usual: rarely once many are known."""
+    """Add rows to `Learned.places`, and learn the usual place, rarely once many are known."""
     learned = state.learned
     places = np.concatenate([learned.places, place])[-PLACES:]
     usual = learned.usual
@@ -156,7 +156,7 @@ def learn_places(
 
 
 def forgetting(learned: Learned) -> Learned:
-    """All counts, one instant later."""
+    """Decay all counts by one instant."""
     keep = np.exp(-1 / MEMORY)
     return replace(
         learned,

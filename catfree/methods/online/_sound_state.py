@@ -1,4 +1,4 @@
-"""What the arrays of a `TrackerState` must be, so that a tracker can continue with them."""
+"""Validation of the arrays of a `TrackerState` that a tracker is to continue from."""
 
 import functools
 import typing
@@ -17,7 +17,7 @@ from catfree.types._validation import (
     require_shape,
 )
 
-LARGEST = 2.0**53  # whole numbers beyond it are not exact floats; no other number comes near
+LARGEST = 2.0**53  # larger whole numbers are not exact as floats; no other number comes near
 _DTYPES = ("bool", "int32", "int64", "float32", "float64")
 _UNKNOWN_AT_FIRST = ("unit", "step", "usual", "final_time")  # NaN until it is learned
 _POSITIVE = ("unit", "step", "edge", "angular", "spread", "density")
@@ -29,21 +29,21 @@ _LEAST = {"support": -1, "group": -1, "spacing": 1} | dict.fromkeys(
     ),
     0,
 )
-_PICTURES = ("missing", "silent")  # their second column is a camera
+_PICTURES = ("missing", "silent")  # records whose second column is a camera
 
 
 def require_sound_arrays(
     arrays: Mapping[str, np.ndarray], like: Any, sizes: Mapping[str, int], where: str = ""
 ) -> None:
-    """Raise unless all arrays of a record have the declared kinds and shapes, and sound numbers.
+    """Raise unless all arrays of a record have the declared types and shapes, and valid numbers.
 
     Args:
-        arrays: by their place, such as `.learned.unit` or `.window[2].time`.
-        like: a record with the same parts: a dataclass or named tuple that declares types of
-            jaxtyping; its numbers are not used.
-        sizes: lengths of axes by name, such as the number of cameras; the length of any other axis
-            is that of the first array of its record.
-        where: the place of the record.
+        arrays: arrays by path, such as `.learned.unit` or `.window[2].time`.
+        like: a record with the same parts: a dataclass or named tuple with jaxtyping annotations;
+            its numbers are not used.
+        sizes: lengths of axes by name, such as the number of cameras; the first array of a record
+            defines any other axis.
+        where: the path of the record.
 
     Raises:
         InvalidInputError: naming the first array.
@@ -72,21 +72,21 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _require_array(value: np.ndarray, hint: Any, name: str, lengths: dict[str, int]) -> None:
-    """Raise unless an array is of the declared kind and shape; learn the lengths of new axes."""
+    """Raise unless an array has the declared type and shape; record the lengths of new axes."""
     axes = hint.dim_str.split()
     if value.ndim == len(axes):
         for axis, length in zip(axes, value.shape, strict=True):
             lengths.setdefault(axis, length)
     shape = tuple(int(axis) if axis.isdigit() else lengths.get(axis) for axis in axes)
     require_shape(value, shape, name)
-    with jaxtyped("context"):  # axes of the same names in a caller's annotations are others
+    with jaxtyped("context"):  # keep these axis names separate from those in a caller's annotations
         is_of_kind = isinstance(value, hint)
     if value.dtype not in _DTYPES or not is_of_kind:
         raise InvalidInputError(f"{name} has type {quoted(value.dtype)}.")
 
 
 def _require_numbers(value: np.ndarray, field: str, name: str, cameras: int) -> None:
-    """Raise at the first number in an array that no tracker has there."""
+    """Raise at the first number in an array that no tracker could have."""
     good = (value > -LARGEST) & (value < LARGEST)
     if name == "time":  # minus infinity before the first instant
         good |= np.isneginf(value)
@@ -95,7 +95,7 @@ def _require_numbers(value: np.ndarray, field: str, name: str, cameras: int) -> 
     if field in _POSITIVE:
         good &= ~(value < 1 / LARGEST)
     if field == "likeness":
-        good[:, 1] &= value[:, 1] > 1 / LARGEST  # the deviations
+        good[:, 1] &= value[:, 1] > 1 / LARGEST  # the standard deviations
     if field in _LEAST:
         good &= value >= _LEAST[field]
     if field == "group":

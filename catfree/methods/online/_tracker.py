@@ -42,12 +42,12 @@ Cameras = Iterable[int] | Int[np.ndarray, " cam"]
 
 
 class Tracker:
-    """Track people instant by instant: positions of now, and final ones of `time - lag`.
+    """Track people instant by instant: provisional positions now, final ones after `lag`.
 
     Each call of `update` takes the boxes of one instant. Noise, detection rates and the usual speed
-    are learned on the way, from the boxes of some of the last instants: after 1, 2, 4 to 512
-    instants and then after every 512. Such a call takes up to a few seconds, all others take
-    milliseconds. There are no threads and no clock inside: time is that of the data.
+    are learned along the way, from the boxes of a sample of recent instants: after 1, 2, 4, ... 512
+    instants and then after every 512. Such a call takes up to a few seconds; all others take
+    milliseconds. The tracker has no threads and no clock: time is that of the data.
 
         tracker = cf.Tracker(scene, lag=2.0)
         for boxes, seconds in instants:
@@ -57,11 +57,11 @@ class Tracker:
     Args:
         scene: cameras and ground, as for `localize`.
         settings: `Settings()` if None; the method must be "evidence".
-        lag: seconds after which positions are final; 0 for at once, `math.inf` for at `finish`,
-            which then returns what `localize` does (and all boxes are kept until then).
+        lag: seconds after which positions are final: 0 for immediately, `math.inf` for not before
+            `finish`, which then returns what `localize` would (all boxes are kept until then).
 
     Raises:
-        InvalidInputError: if the lag is negative, or the method another.
+        InvalidInputError: if the lag is negative, or the method is not "evidence".
         InsufficientDataError: if fewer than two cameras are registered.
     """
 
@@ -92,19 +92,19 @@ class Tracker:
         """Add one instant.
 
         Args:
-            detections: the boxes of one instant, of all cameras, in any order; their frame numbers
-                and clock are not used.
-            time: seconds; later than that of the call before, by a microsecond or more.
-            cameras: indices of the cameras that delivered a picture, with people or without; all
-                if None. Nothing is concluded from the silence of the others.
+            detections: the boxes of all cameras at one instant, in any order; their frame numbers
+                and clock are ignored.
+            time: seconds; at least a microsecond later than in the previous call.
+            cameras: indices of the cameras that delivered a picture, with or without people; None
+                for all. The absence of boxes from other cameras is not evidence.
 
         Returns:
-            Positions of this instant, and those of all instants that are `lag` old.
+            Positions of this instant, and final positions of all instants at least `lag` old.
 
         Raises:
-            InvalidInputError: if the time is not later, a camera is not in the rig, there is a box
-                of a camera that delivered nothing, a camera has more than 1,000 boxes or all
-                together more than 5,000, or embeddings have another length than before.
+            InvalidInputError: if the time is not later, a camera is not in the rig, a camera that
+                delivered nothing has a box, a camera has more than 1,000 boxes or all together more
+                than 5,000, or the length of embeddings changed.
             ForkedProcessError: in a process forked after JAX was used.
         """
         require_own_process()
@@ -113,7 +113,7 @@ class Tracker:
         if state.finished:
             raise InvalidInputError("The tracker has finished; call reset before a new stream.")
         time = as_number(time, "time")
-        frame = _frame(time)  # raises if it is too far from zero
+        frame = _frame(time)  # raises if too far from zero
         if state.time > -math.inf and frame <= _frame(float(state.time)):
             raise InvalidInputError(
                 f"time is {quoted(time)}, after {state.time:.15g}: it must be a number of seconds "
@@ -147,10 +147,10 @@ class Tracker:
         return Update(current, final, tuple(events), final_until)
 
     def finish(self) -> Update:
-        """Make all positions final; afterwards only `reset` continues.
+        """Make all positions final; only `reset` may be called afterwards.
 
         Returns:
-            No provisional positions, and all final ones that no call returned yet.
+            No provisional positions, and all final ones not yet returned.
         """
         state, time = self._state, float(self._state.time)
         with jax.enable_x64(True):
@@ -163,11 +163,12 @@ class Tracker:
         return Update(nobody, tracks, tuple(events), time)
 
     def reset(self, *, keep_learned: bool = False) -> None:
-        """Begin a new stream, whose times may start anywhere.
+        """Begin a new stream; its times may start anywhere.
 
         Args:
-            keep_learned: keep what was learned about cameras and people, as for the next day of the
-                same cameras; identities count on. Otherwise everything is forgotten.
+            keep_learned: keep what was learned about cameras and people, for instance for the next
+                day of the same cameras; identity numbers continue. Otherwise everything is
+                forgotten.
         """
         fresh = new_state(self.scene.rig.camera_count, self.settings.evidence)
         if keep_learned:
@@ -177,11 +178,11 @@ class Tracker:
 
     @property
     def state(self) -> TrackerState:
-        """All that the tracker remembers, which later calls do not change; set it to continue.
+        """Everything that the tracker remembers, unaffected by later calls; set it to continue.
 
         Raises:
-            InvalidInputError: on setting the state of a tracker of another number of cameras, or
-                one whose lag was infinite and is not any more, or the reverse.
+            InvalidInputError: on setting the state of a tracker with another number of cameras, or
+                if one lag is infinite and the other is not.
         """
         return self._state
 
@@ -228,7 +229,7 @@ class Tracker:
     def _record(
         self, state: TrackerState, detections: Detections, time: float, silent: np.ndarray
     ) -> TrackerState:
-        """Keep the boxes for `finish`, which needs nothing else."""
+        """Keep the boxes, the only input of `finish`."""
         frame = _frame(time)
         rows = np.column_stack([np.full(len(silent), frame), silent])
         return replace(
@@ -239,15 +240,15 @@ class Tracker:
         )
 
     def _localized(self, state: TrackerState) -> Tracks:
-        """Return the tracks that `localize` finds in all boxes."""
+        """Return the tracks of `localize` on all boxes."""
         boxes = replace(concatenate_common(state.recording), clock=_clock(float(state.time)))
         tracks = localize(boxes, self.scene, self.settings, silent=state.silent).tracks
-        # Rows of the detections of each instant, not of all.
+        # Rows within the detections of each instant.
         rows = np.concatenate([np.arange(len(part)) for part in state.recording])
         return replace(tracks, support=np.append(rows, -1)[tracks.support])
 
     def _tracks(self, rows: Reported, time: float) -> Tracks:
-        """Convert to the frame and units of the scene, sorted by frame and identity."""
+        """Convert rows to tracks in the scene's frame and units, sorted by frame and identity."""
         scene, learned = self.scene, self._state.learned
         origin = to_plan(scene, np.asarray(scene.rig.centers)[scene.rig.registered]).mean(0)
         unit = float(np.nan_to_num(learned.unit, nan=1.0))

@@ -1,4 +1,4 @@
-"""All that a `Tracker` remembers."""
+"""The state of a `Tracker`."""
 
 import os
 from dataclasses import dataclass, replace
@@ -22,29 +22,30 @@ from catfree.types._validation import as_count
 
 M = TypeVar("M", Pasts, Node)
 L = TypeVar("L", Pasts, SeenPositions)
-TICKS = Clock(1_000_000)  # microseconds: the frame numbers of what a tracker reports
-_SIZES = ("cameras", "window", "recording")  # numbers of each in a file
+TICKS = Clock(1_000_000)  # microseconds, the frame numbers of reported tracks
+_SIZES = ("cameras", "window", "recording")  # counts stored in a file
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """What the boxes so far say about cameras and people; old instants count less and less.
+    """What the boxes so far reveal about cameras and people; old instants count less and less.
 
     Attributes:
         unit: () H0 in scene units; NaN until boxes of standing people were seen.
-        noise: of the boxes.
+        noise: noise of the boxes.
         step: () usual time between two instants in seconds; NaN before the second.
         heights: (C, 2) usual box heights.
-        trials, hits: (C, 3, 5) people who should be detected, and are.
+        trials, hits: (C, 3, 5) people who should be detected, and who are.
         clutter: (2, C, cells, cells) boxes of people, and other boxes.
         steps: (2,) sum of squares and number of displacements between instants, per axis.
-        likeness: (2, 2) mean and deviation of `Likeness.same` and `Likeness.other`; None without
-            embeddings.
-        places: (P, 4) position, design uncertainty and number of whole views of people as they
-            were judged at once, within the working area or not.
-        usual: (2,) `UsualPlace` of these; NaN before any.
-        habits: (4,) who came or left, was reported, hid; and frames hidden.
+        likeness: (2, 2) mean and standard deviation of `Likeness.same` and `Likeness.other`; None
+            without embeddings.
+        places: (P, 4) position, design uncertainty and number of whole views of provisional people,
+            inside or outside the working area.
+        usual: (2,) `UsualPlace` of `places`; NaN while there are none.
+        habits: (4,) counts of people who came or left, were reported, and hid; and of frames
+            hidden.
         active: (C,) whether the camera ever saw anybody.
     """
 
@@ -64,16 +65,16 @@ class Learned:
 
 
 class PendingInstant(NamedTuple):
-    """The tracks of an instant that is not final yet; T rows as in `Node`.
+    """The T tracks of an instant that is not final yet, as in `Node`.
 
     Attributes:
         time: () seconds.
         node: the tracks; `node.group` is the row itself, or -1 in a gap.
-        seen: what the boxes say.
-        evidence: (T,) log-odds of the instant.
+        seen: positions according to the boxes.
+        evidence: (T,) log-odds from the instant.
         forward: (T, 2) log weights of being present or not, given the instants so far.
         weight: (T,) summed evidence of the track while present, so far.
-        shift: (T, 2) movement of the position for a raised ground.
+        shift: (T, 2) shift of the position per unit of ground height.
         place: (T, 2) as `EvidenceState.coverage`.
         support: (T, C) rows of the caller's detections, or -1.
     """
@@ -92,27 +93,27 @@ class PendingInstant(NamedTuple):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class TrackerState:
-    """All that a `Tracker` remembers: a pytree of arrays whose size does not grow with time.
+    """The state of a `Tracker`: a pytree of arrays whose size does not grow with time.
 
-    With an infinite lag it does grow, because all boxes are needed at the end.
+    With an infinite lag it does grow, because all boxes are kept until the end.
 
     Attributes:
         count: () instants so far; `time`: () seconds of the last, minus infinity before the first.
         finished: () whether `finish` was called.
-        learned: what is known of cameras and people.
-        sample: boxes of some of the last instants, to learn from; frames count instants.
-        missing: (M, 2) instant and camera of pictures of the sample that do not exist.
+        learned: what is known about cameras and people.
+        sample: boxes of a sample of recent instants to learn from; frames count instants.
+        missing: (M, 2) instant and camera of missing pictures of the sample.
         spacing: () instants between those of the sample.
         times: (K,) seconds of the last instants.
         heads: the tracks being followed, T of them; `tracks`: () number of the next track.
-        forward, weight: (T, 2) and (T,) of these as in `PendingInstant`.
-        sure: (S, 2) positions of the last instant that are beyond doubt, in H0.
+        forward, weight: (T, 2) and (T,) of these tracks, as in `PendingInstant`.
+        sure: (S, 2) certain positions of the last instant, in H0.
         window: the instants that are not final yet.
         pasts: final positions, by identity; `final_time`: () seconds of the last.
-        identity: (K, 2) track and identity of the tracks that have one.
+        identity: (K, 2) track and identity, for tracks that have one.
         names: () identities given so far.
         recording: boxes of all instants, only with an infinite lag; frames are microseconds.
-        silent: (P, 2) pictures that do not exist, likewise.
+        silent: (P, 2) missing pictures of all instants, likewise.
     """
 
     count: Int[np.ndarray, ""]
@@ -166,10 +167,10 @@ class TrackerState:
 
 
 def _state_of(arrays: dict[str, np.ndarray]) -> TrackerState:
-    """The state that consists of these arrays and `_SIZES`.
+    """Make the state from these arrays and `_SIZES`.
 
     Raises:
-        InvalidInputError: naming the first array that is missing, unknown or not as in any state.
+        InvalidInputError: naming the first array that is missing, unknown or invalid.
     """
     missing = [name for name in _SIZES if name not in arrays]
     if missing:
@@ -221,7 +222,7 @@ def no_boxes() -> Detections:
 
 
 def new_state(cameras: int, settings: EvidenceSettings) -> TrackerState:
-    """Nothing seen yet."""
+    """Return the state before any instant."""
     nan = np.array(np.nan)
     shape = (cameras, 3, 5)
     return TrackerState(
@@ -274,12 +275,12 @@ def _no_instant(cameras: int) -> PendingInstant:
 
 
 def rescaled(state: TrackerState, length: float, pace: float) -> TrackerState:
-    """The same people in another unit of length and of time.
+    """Convert a state to other units of length and time.
 
     Args:
         state: in the old units.
-        length: old unit of length in new ones.
-        pace: new usual step over the old one, by which velocities per step grow.
+        length: old unit of length in new units.
+        pace: new usual step divided by the old one; velocities per step grow by this factor.
     """
     if length == 1 and pace == 1:
         return state
@@ -308,7 +309,7 @@ def rescaled(state: TrackerState, length: float, pace: float) -> TrackerState:
 
 
 def with_looks(state: TrackerState, dim: int) -> TrackerState:
-    """Room for embeddings of `dim` numbers, where there was none."""
+    """Add room for embeddings of `dim` numbers."""
     if state.heads.looks.dim == dim:
         return state
 

@@ -1,4 +1,4 @@
-"""What one call of `Tracker.update` returns."""
+"""The result of `Tracker.update`."""
 
 from typing import Literal
 
@@ -11,9 +11,8 @@ class Event(eqx.Module):
     """A correction of identities.
 
     Attributes:
-        kind: "merge": identity `old` was reported and turns out to be `new`; it does not occur
-            again.
-        time: seconds of the instant at which the two met.
+        kind: "merge": the reported identity `old` turns out to be `new`, and does not occur again.
+        time: seconds of the instant at which the two were joined.
         old: identity that ends.
         new: identity that continues.
     """
@@ -27,16 +26,16 @@ class Event(eqx.Module):
 class Update(eqx.Module):
     """Positions after one more instant.
 
-    Frame numbers of both tables are microseconds, and their clock turns these into seconds:
-    `tracks.time` is the time that was passed to `update`. `support` counts the rows of the
-    detections that were passed with that instant.
+    Frame numbers of both tables are microseconds, which their clock converts to seconds:
+    `tracks.time` is the time passed to `update`. `support` refers to rows of the detections passed
+    with that instant.
 
     Attributes:
         provisional: positions of this instant; later instants may correct them.
-        final: positions of all instants that became final by this call, in order of time. No
-            other call returns rows of these instants, and identities are not corrected any more.
+        final: positions of all instants that this call made final, in order of time. No other call
+            returns rows of these instants, and their identities no longer change.
         events: corrections of identities, in order of time.
-        final_until: seconds; instants up to this time are final, with people or without.
+        final_until: seconds; instants up to this time are final, with or without people.
     """
 
     provisional: Tracks

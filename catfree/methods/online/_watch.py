@@ -29,7 +29,7 @@ from catfree.types._validation import (
 )
 
 Record = dict[str, Any]
-TEXT = str | bytes | bytearray  # as brokers hand it out
+TEXT = str | bytes | bytearray  # as delivered by message brokers
 
 
 def watch(
@@ -40,17 +40,17 @@ def watch(
     frame_rate: float | int,
     timeout: float | int = 0.0,
 ) -> Iterator[Record]:
-    """Yield records of positions for lines of boxes, each as soon as it is known.
+    """Yield records of positions for lines of boxes, each as soon as it is available.
 
     A line is a JSON object for one frame of one camera: `camera` (name, or index where no name is a
     number), `time` (seconds, or an ISO 8601 date and time with its zone), `boxes` (x1, y1, x2, y2
     in pixels each) and, if there are any, `scores` and `embeddings`, one per box. A frame without
-    people needs its line, too: a camera without a line said nothing.
+    people needs a line, too: without a line, the picture counts as missing.
 
     Args:
         lines: any source of text or bytes: a file, standard input, a generator fed by a broker.
-        tracker: what locates the people.
-        camera_names: of the tracker's scene, in its order.
+        tracker: the tracker that locates the people.
+        camera_names: names of the scene's cameras, in order.
         frame_rate: instants per second.
         timeout: as for `InstantAssembler`.
 
@@ -61,11 +61,11 @@ def watch(
     Yields:
         Dictionaries that JSON can hold, told apart by `type`: "provisional" and "final" (`time`
         and `people`: `id`, `x`, `y`, `covariance`, `velocity` in scene units and seconds,
-        `existence`; none if nobody is there), "merge" (identity `old` is `new`), "dropped" (a
-        frame that came too late or too early, or was replaced by a newer one), "silent" (no frame
-        of `camera` came in the ten seconds, or ten intervals, before `time`, or none at all until
-        the end; told once until another one comes) and "error" (`line`, counted from 1, and
-        `message`: a line or an instant that could not be used; the next one is read).
+        `existence`; none if nobody is there), "merge" (identity `old` is `new`), "dropped" (a frame
+        that came too late or too early, or was replaced by a newer one), "silent" (no frame of
+        `camera` came in the ten seconds, or ten intervals, before `time`, or none at all until the
+        end; reported once until another frame comes) and "error" (`line`, counted from 1, and
+        `message`: a line or an instant that could not be used; reading continues).
     """
     require_instance(tracker, Tracker, "tracker")
     if not is_listed(lines):
@@ -93,15 +93,15 @@ def watch(
 
 
 class _Silence:
-    """Tells which cameras deliver no frames for long.
+    """Watch for cameras that have delivered no frames for long.
 
     Attributes:
-        names: (C,) of the cameras.
-        patience: seconds that are long.
+        names: (C,) names of the cameras.
+        patience: seconds without frames that count as long.
         now: time of the last instant.
         last: time of the last frame of each camera, or of the first instant if it has none.
-        told: cameras that were named since then.
-        unheard: cameras without a frame.
+        told: cameras reported since then.
+        unheard: cameras without any frame so far.
     """
 
     def __init__(self, names: Sequence[str], patience: float) -> None:
@@ -111,7 +111,7 @@ class _Silence:
         self.unheard = set(range(len(names)))
 
     def after(self, instant: Instant) -> Iterator[Record]:
-        """Name the cameras that are silent for long at an instant."""
+        """Report the cameras that have been silent for long at an instant."""
         self.last = self.last or [instant.time] * len(self.names)
         self.now = instant.time
         for camera in instant.cameras:
@@ -121,7 +121,7 @@ class _Silence:
         yield from self._tell(c for c, t in enumerate(self.last) if self.now - t >= self.patience)
 
     def at_end(self) -> Iterator[Record]:
-        """Name the cameras of which no frame ever came, if others have some."""
+        """Report the cameras that never delivered a frame, if others did."""
         if self.last:
             yield from self._tell(sorted(self.unheard))
 
@@ -139,7 +139,7 @@ def _answers(
     waiting: deque[float],
     line: int,
 ) -> Iterator[Record]:
-    """Follow the instants that a line completed; one that cannot be used does not end the rest."""
+    """Track the instants that a line completed; an unusable one does not stop the rest."""
     for instant in instants:
         yield from _dropped(instant.dropped, silence.names)
         yield from silence.after(instant)
@@ -158,7 +158,7 @@ def _error(line: int, error: CatFreeError) -> Record:
 
 
 def _dropped(frames: Iterable[DroppedFrame], names: Sequence[str]) -> Iterator[Record]:
-    """Name frames that were left out."""
+    """Report frames that were left out."""
     for camera, time, reason in frames:
         yield {"type": "dropped", "camera": names[camera], "time": time, "reason": reason}
 
@@ -167,9 +167,8 @@ def records_of(update: Update, waiting: deque[float]) -> Iterator[Record]:
     """Yield the events and the final positions of an update, one record per instant.
 
     Args:
-        update: as the tracker returns it.
-        waiting: times of the instants that were not final before, of which those that are now are
-            removed.
+        update: the tracker's update.
+        waiting: times of instants that were not final before; those that now are get removed.
     """
     for event in update.events:
         yield {"type": event.kind, "time": event.time, "old": event.old, "new": event.new}
@@ -205,7 +204,7 @@ def parse_frame(line: Any, camera_names: Sequence[str]) -> tuple[int, float, Det
     """Read one line of `watch`.
 
     Returns:
-        Index of the camera, time in seconds, and the boxes as detections of frame 0.
+        The index of the camera, the time in seconds, and the boxes as detections of frame 0.
 
     Raises:
         InvalidInputError: saying what is wrong with the line.
@@ -245,7 +244,7 @@ def parse_frame(line: Any, camera_names: Sequence[str]) -> tuple[int, float, Det
 
 
 def _camera(value: Any, names: Sequence[str]) -> int:
-    """The index of a camera that is named or counted; numbers are names where a name is one."""
+    """Find a camera by name or index; if a name looks like a number, numbers are names."""
     if isinstance(value, str | int) and str(value) in names:
         return list(names).index(str(value))
     counted = not any(name.isdecimal() for name in names)
@@ -257,12 +256,12 @@ def _camera(value: Any, names: Sequence[str]) -> int:
 
 
 def _as_written(value: Any) -> str:
-    """Format a value of a line for a message, with null and true as JSON has them."""
+    """Format a value of a line for a message, with null and true as in JSON."""
     return quoted(value) if isinstance(value, str) else shortened(json.dumps(value))
 
 
 def _seconds(value: Any) -> float:
-    """The seconds of a number, or of an ISO 8601 date and time with a zone since 1970."""
+    """Convert a number, or an ISO 8601 date and time with a zone (since 1970), to seconds."""
     if isinstance(value, str):
         try:
             moment = datetime.fromisoformat(value)
