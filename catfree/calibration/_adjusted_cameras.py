@@ -1,4 +1,4 @@
-"""Cameras of a rig that take a step of a bundle adjustment: seven parameters each."""
+"""Apply a bundle adjustment step, seven parameters per camera, to the cameras of a rig."""
 
 from dataclasses import replace
 
@@ -10,12 +10,12 @@ from catfree.types import Rig
 
 
 def moved_rig(rig: Rig, step: Float[np.ndarray, "cam 7"]) -> Rig:
-    """Rig whose cameras took a step.
+    """Apply a step to the cameras of a rig.
 
     Args:
         rig: pinholes, with float64 arrays.
         step: (C, 7) rotation vector in the camera's axes in radians, displacement of the center in
-            scene units, and growth of the natural logarithm of the focal length.
+            scene units, and change of the natural logarithm of the focal length.
     """
     R = Rotation.from_rotvec(step[:, :3]).as_matrix() @ rig.R
     K = np.array(rig.K)
@@ -29,7 +29,7 @@ def with_registered(
     R: Float[np.ndarray, "cam 3 3"],
     t: Float[np.ndarray, "cam 3"],
 ) -> Rig:
-    """Replace the registered cameras of a rig; the others stay as they are."""
+    """Replace the registered cameras of a rig, leaving the others unchanged."""
     registered = like.registered[:, None, None]
     return replace(
         like,

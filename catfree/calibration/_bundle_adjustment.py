@@ -1,4 +1,4 @@
-"""Bundle adjustment of cameras and the feet of the people they see.
+"""Bundle adjustment of cameras and people's feet.
 
 Every person is one 3-D point whose foot pixel is known in several cameras. The rotation, center and
 focal length of each camera are free; the principal point is fixed. Feet lie close to one plane, on
@@ -32,9 +32,9 @@ NEAREST_DEPTH = 1e-6  # fraction of E; closer points, or points behind the camer
 RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector, in standard deviations
 SMALLEST_NOISE = 0.1  # px: no box is more exact; avoids division by zero for exact data
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
-DAMPING, FALL = 1e-4, 10.0  # rounds end before they converge, so quick steps matter
-PEOPLE_BLOCK, CAMERA_BLOCK = 1024, 4  # what people and cameras are padded to
-# Standard deviations of cameras, and of the ground, from their start: about each axis in radians,
+DAMPING, FALL = 1e-4, 10.0  # rounds stop before convergence, so quick steps matter
+PEOPLE_BLOCK, CAMERA_BLOCK = 1024, 4  # people and cameras are padded to multiples of these
+# Standard deviations from the start, of cameras and of the ground: about each axis in radians,
 # along each axis as a fraction of E, and of the natural logarithm of the focal length.
 ROTATION_SD, CENTER_SD, FOCAL_SD = np.deg2rad(2.0), 0.03, 0.02
 STEP_SD = np.array([ROTATION_SD] * 3 + [CENTER_SD] * 3 + [FOCAL_SD])
@@ -55,7 +55,7 @@ def adjust(
         pixel: (P, C, 2) foot pixels without lens distortion; arbitrary where `weight` is 0.
         weight: (P, C) reliability, 0 where the camera does not see the person.
         start: the cameras that the prior ties to, in the canonical frame (E = 1).
-        step: (C, 7) initial step from them (`moved_rig`).
+        step: (C, 7) initial step from `start` (`moved_rig`).
         points: (P, 3) initial people.
         iterations: maximum number of steps.
 
@@ -88,14 +88,14 @@ def adjust(
 
 
 class _Feet(NamedTuple):
-    """What the residuals are computed from.
+    """Inputs of the residuals.
 
     Attributes:
         offset: (C, P, 2) foot pixels relative to the principal point.
         precision: (C, P) inverse standard deviations in pixels, 0 where there is no foot.
-        R: (C, 3, 3) rotations that the steps begin at.
-        center: (C, 3) centers that they begin at.
-        focal: (C, 2, 2) focal lengths that they begin at.
+        R: (C, 3, 3) rotations before the step.
+        center: (C, 3) centers before the step.
+        focal: (C, 2, 2) focal lengths before the step.
         image: (C,) image widths in pixels.
     """
 

@@ -35,43 +35,45 @@ def calibrate(
 ) -> Calibration:
     """Estimate cameras and ground in meters from boxes of walking people.
 
-    The known range of people's heights gives every camera its tilt, roll, height and a metric map
-    of the ground; people seen by two cameras at the same time join the maps. The evidence method
-    then groups the boxes, and its most certain groups refine the rig. A camera that fits far worse
-    than the others is removed and tried at the positions that its boxes allow, the likeliest first,
-    until more of its boxes fit. Finally, every camera's position is searched again against the
-    refined rig, late cameras are corrected by whole frames where the rig fits better then, and the
-    evidence for each camera is checked again.
+    The known range of people's heights yields each camera's tilt, roll, height and a metric map of
+    the ground; people seen by two cameras at the same time join the maps. The evidence method then
+    groups the boxes, and its most certain groups refine the rig. A camera that fits far worse than
+    the others is removed and tried at the positions that its boxes allow, most likely first, until
+    more of its boxes fit. Finally, every camera's position is searched again in the refined rig,
+    late cameras are corrected by whole frames if the rig then fits better, and the evidence for
+    each camera is checked again.
 
     Args:
         detections: (N,) boxes of synchronized static cameras; boxes with a score below
             `settings.confidence` are ignored.
         image_size: (2,) width and height in pixels for all cameras, or (C, 2).
-        settings: settings of a run or of the calibration only; the defaults if None.
+        settings: settings of a run, or of the calibration alone; None for the defaults.
         camera_names: names for error messages.
         maximum_offset: largest clock offset of a single camera, in frames, to search for and
             correct before cameras are registered; 0 registers them with the given frame numbers.
-            Lags of a few frames are found in the settled rig and corrected in any case.
-        anchors: lengths, cameras and points that are known from elsewhere (`KnownDistance`,
-            `KnownCamera`, `SurveyedPoint`). Without them the scale rests on the height of the
-            people alone: a crowd of children makes all lengths too long, and nothing shows it.
+            Lags of a few frames are corrected in the refined rig in any case.
+        anchors: independently known lengths, cameras and points (`KnownDistance`, `KnownCamera`,
+            `SurveyedPoint`). Without them the scale rests on the height of the people alone: a
+            crowd of children makes all lengths too long, unnoticed.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        The scene in meters, z up, ground z = 0, with the evidence for each camera; with anchors on
-        a map it is in the map's frame, and with longitudes and latitudes it has a georeference.
+        The scene in meters, z up, ground z = 0, with the evidence for each camera. With anchors on
+        a map, it is in the map's frame; with longitudes and latitudes, it has a georeference.
         `anchors` of the result compares each anchor with the people and the other anchors; one that
         contradicts them is not used. A camera that cannot be trusted has `scene.rig.registered`
         False and NaN parameters. If clock offsets were found,
-        `catfree.calibration.remove_offsets(detections, result.frame_offset)` fits the rig.
+        `catfree.calibration.remove_offsets(detections, result.frame_offset)` returns boxes that fit
+        the rig.
 
     Raises:
-        CalibrationError: if fewer than two cameras can be registered, or if they disagree; if only
-            cameras that are not registered see the map, or if anchors that agree with each other
-            make people of an impossible height.
+        CalibrationError: if fewer than two cameras can be registered or they disagree, if only
+            unregistered cameras see the map, or if consistent anchors imply an impossible height of
+            the people.
         InvalidInputError: if shapes do not match, two cameras have the same boxes, many boxes of a
             camera are outside its image, a picture has more than 1,000 boxes or an instant more
-            than 5,000, or an anchor refers to no camera, to no ground or to no pixel of the image.
+            than 5,000, or an anchor's camera does not exist, or its pixel is outside the image or
+            above the horizon.
         ForkedProcessError: in a process forked after JAX was used.
     """
     require_own_process()
@@ -81,7 +83,7 @@ def calibrate(
         require_instance(rules, CalibrationSettings, "settings")
         settings = Settings(calibration=rules)
     detections = detections[is_confident(detections, settings.confidence)]
-    if anchors:  # their mistakes are told before the long work
+    if anchors:  # report mistakes before the long computation
         resolve_anchors(anchors, camera_sizes(detections, image_size), camera_names)
     registered = register(
         detections,
@@ -105,12 +107,12 @@ def refine_registered(
     camera_names: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Refine a registered rig with the evidence method: the second half of `calibrate`.
+    """Refine a registered rig with the evidence method, the second half of `calibrate`.
 
     Args:
         registered: the result of `register`.
-        detections: the boxes given to it.
-        settings: of the evidence method and of the calibration.
+        detections: the boxes passed to `register`.
+        settings: settings of the evidence method and of the calibration.
         camera_names: as `calibrate`.
         progress: as `calibrate`.
 

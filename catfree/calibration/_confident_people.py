@@ -1,7 +1,7 @@
-"""The most certain people of the evidence method, as correspondences for a bundle adjustment.
+"""The most certain people of the evidence method, as correspondences for bundle adjustment.
 
-Certainty matters more than number: groups barely supported by three cameras are false often enough
-to hold a wrong camera in place.
+Certainty matters more than number: groups with bare support from three cameras are wrong often
+enough to hold a wrong camera in place.
 """
 
 from dataclasses import replace
@@ -15,8 +15,8 @@ from catfree.methods import evidence
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
-PLACE = 0.2  # body heights, the width of a body: the side of a place
-SURE = 3.0  # log-odds that the person exists, from one frame alone
+PLACE = 0.2  # body heights: the side of a place, a body's width
+SURE = 3.0  # log-odds, from one frame alone, that the person exists
 
 
 class ConfidentPeople(NamedTuple):
@@ -28,8 +28,8 @@ class ConfidentPeople(NamedTuple):
             detection; NaN for detections without a group, and for edges cut by the image border.
         height: median height of people in scene units.
         repeats: mean number of groups per track.
-        stays: mean number of groups of a track at one place. The errors of boxes of somebody who
-            stays are the same, not new ones.
+        stays: mean number of groups of a track at one place. Box errors of a person who stays in
+            place are repeated, not independent.
     """
 
     member: Int[np.ndarray, "person cam"]
@@ -42,12 +42,12 @@ class ConfidentPeople(NamedTuple):
 def confident_people(
     detections: Detections, scene: Scene, settings: EvidenceSettings
 ) -> ConfidentPeople:
-    """Select the groups of the evidence method to trust: surely somebody, and in a track.
+    """Select the groups of the evidence method to trust: almost certain, and in a track.
 
     Args:
         detections: (N,) boxes.
         scene: the rig used for grouping; unregistered cameras are ignored.
-        settings: of the evidence method.
+        settings: settings of the evidence method.
 
     Returns:
         The groups that are `well_seen`, possibly none.
@@ -55,7 +55,7 @@ def confident_people(
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
-    # Later rounds, with tracks as priors, add people who are less certain.
+    # Later rounds, with tracks as priors, add less certain people.
     once = replace(settings, passes=min(settings.passes, 1))
     s = evidence.solve(detections, scene, once, finish=False)
     track = np.full(len(s.groups), -1)
@@ -81,7 +81,7 @@ def confident_people(
 
 
 def well_seen(member: Int[np.ndarray, "person cam"]) -> Bool[np.ndarray, " person"]:
-    """Mark people seen by `CAMERAS` cameras, and by half of those that see anybody."""
+    """Mark people seen by at least `CAMERAS` cameras, and by half of those that see anybody."""
     seen = member >= 0
     cameras = int(seen.any(0).sum())
     return seen.sum(1) >= max(CAMERAS, -(-cameras // 2))

@@ -1,4 +1,4 @@
-"""The refinement loop of `calibrate`: adjust the rig to confident people, re-place misfit cameras.
+"""The refinement loop of `calibrate`: adjust the rig to confident people, re-place misfits.
 
 Refinement is local: a misplaced camera matches enough of a crowd to stay misplaced, and it distorts
 the poses of the others. Only after it is removed do the others reveal its true position.
@@ -27,10 +27,10 @@ from catfree.types._annotations import Progress
 from catfree.types._sampling import frame_step
 from catfree.types._validation import shown_camera
 
-FEWEST_TO_JUDGE = 3  # with three cameras, two that agree expose the third
+FEWEST_TO_JUDGE = 3  # of three cameras, two that agree expose the third
 RESTING = 0.2  # standard deviations; a smaller move adds two percent to a camera's error
-ROUNDS = 6  # a rig hides a part of a lag, which shows after the rest is corrected
-AGAIN = 0.5  # `WHOLE_FRAME` of a camera that was late before
+ROUNDS = 6  # a rig absorbs part of a lag, which shows only after the rest is corrected
+AGAIN = 0.5  # replaces `WHOLE_FRAME` for a camera that was late before
 GAIN = 0.02  # relative difference of `_information` below which rigs count as equal
 
 
@@ -40,7 +40,7 @@ class EvidenceLoop:
 
     Attributes:
         detections: (N,) boxes of synchronized cameras.
-        settings: of the evidence method and of the calibration.
+        settings: settings of the evidence method and of the calibration.
         report: called as `report("refinement", done, rounds)`.
         camera_names: for error messages.
     """
@@ -53,20 +53,20 @@ class EvidenceLoop:
     def settle(self, calibration: Calibration) -> Calibration:
         """Refine the rig, move every camera to where it fits best, and add missing cameras.
 
-        A camera that fits nowhere is flagged: its boxes may be from another time.
+        A camera that fits nowhere is flagged; its boxes may be from another time.
 
         Raises:
-            CalibrationError: if the cameras contradict each other and share too few people to tell
-                which one is wrong.
+            CalibrationError: if the cameras contradict each other and share too few people to
+                determine which one is wrong.
         """
         best = self._grow(self.replace_outliers(self.refine(calibration)))
         return self.without_outliers(best)
 
     def synchronized(self, calibration: Calibration) -> tuple[Calibration, Detections]:
-        """Correct late cameras of a settled rig by whole frames as long as more boxes fit better.
+        """Correct late cameras of a settled rig by whole frames while more boxes then fit better.
 
         Returns:
-            The rig, whose `frame_offset` includes the corrections, and the corrected boxes.
+            The rig, with the corrections included in its `frame_offset`, and the corrected boxes.
         """
         settings, detections = replace(self.settings, method="evidence"), self.detections
         step = frame_step(np.unique(detections.frame))
@@ -104,7 +104,8 @@ class EvidenceLoop:
             worst = int(np.nanargmax(calibration.camera_residual))
             others = without_camera(calibration, worst)
             calibration = self.refine(others)
-            # Two cameras never share confident people; three or more that do not relied on `worst`.
+            # Two cameras never share confident people; if three or more do not, they relied on
+            # `worst`.
             if calibration is others and others.scene.rig.registered.sum() >= FEWEST_TO_JUDGE:
                 raise CalibrationError(
                     f"Camera {shown_camera(worst, self.camera_names)} contradicts the others, "
@@ -125,8 +126,8 @@ class EvidenceLoop:
         """Refine in rounds until the cameras stop moving; discard a round that loses information.
 
         Information alone does not indicate convergence: as people become more certain, cameras move
-        by most of their standard deviation while it hardly rises. That of the given rig is not
-        comparable, because it refers to other boxes with other deviations.
+        by most of their standard deviation while the information hardly rises. The information of
+        the given rig is not comparable, because it refers to other boxes with other deviations.
         """
         rounds = self.settings.calibration.evidence_rounds
         best, least = calibration, 0.0
@@ -143,7 +144,7 @@ class EvidenceLoop:
         return best
 
     def refine_once(self, calibration: Calibration) -> Calibration | None:
-        """Refine in one round; None if there is too little evidence."""
+        """Refine in one round; return None if there is too little evidence."""
         try:
             people = confident_people(self.detections, calibration.scene, self.settings.evidence)
             return refine_with_correspondences(
@@ -160,7 +161,7 @@ class EvidenceLoop:
     def replace_outliers(self, calibration: Calibration) -> Calibration:
         """Move every outlier camera to a position where more of its boxes fit, if there is one.
 
-        One round without the camera undoes most of what it did to the others.
+        One round without the camera undoes most of its effect on the others.
         """
         tried: set[int] = set()
         while (camera := self._worst_outlier(calibration, tried)) is not None:
@@ -175,8 +176,8 @@ class EvidenceLoop:
     ) -> Calibration | None:
         """Place a missing camera where more boxes belong to confident people than at present.
 
-        The likeliest such place is taken. Residuals would favor a camera that lost all of its
-        people.
+        The most likely such place is taken. Residuals alone would favor a camera that lost all of
+        its people.
         """
         for place in places_for(others, self.detections, camera, self.settings.calibration):
             rig = self.refine(place)
@@ -192,7 +193,7 @@ class EvidenceLoop:
 
 
 def _information(calibration: Calibration) -> float:
-    """Return how well the boxes support the rig: how many fit, over their mean squared residual.
+    """Return the support of a rig: the number of boxes that fit, over their mean squared residual.
 
     The residual alone would favor a rig in which a late camera lost most of its boxes.
     """

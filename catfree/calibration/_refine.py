@@ -51,9 +51,9 @@ class _Round:
     """A rig and the people found with it.
 
     Attributes:
-        step: (C, 7) of the cameras from the given ones (`moved_rig`).
+        step: (C, 7) step of the cameras from the given ones (`moved_rig`).
         rig: the cameras in the canonical frame.
-        rays: of all observations.
+        rays: rays of all observations.
         member: (P, C) observation in each camera, or -1.
         points: (P, 3) positions.
         residual: median angle in radians.
@@ -84,14 +84,14 @@ def refine(
     to the foot pixels under a Huber loss; all rounds are run. With the evidence method, each round
     takes the most certain people and adjusts cameras, people and their heights to whole boxes on
     one ground, as `calibrate` does, until the residual stops falling. Both methods return the round
-    with the smallest median residual, including the given scene, so the result is never worse by
-    that measure.
+    with the smallest median residual, counting the given scene as a round, so the result is never
+    worse by that measure.
 
     Args:
         detections: person boxes of all cameras and frames, in any order.
         scene: cameras, ground and extent in any units and frame of reference.
-        settings: method and constants, as for `localize`; `Settings()`, the evidence
-            method, if None. `Settings.paper()` selects the paper's procedure.
+        settings: method and constants, as for `localize`; None for `Settings()`, the evidence
+            method. `Settings.paper()` selects the paper's procedure.
         rounds: number of rounds; a maximum for the evidence method.
         progress: called as `progress("refinement", done, rounds)`.
 
@@ -101,10 +101,10 @@ def refine(
         unchanged.
 
     Raises:
-        InvalidInputError: if a detection names a camera that the rig does not have, a camera is not
-            a pinhole, two cameras have the same boxes, or `rounds` is negative.
-        InsufficientDataError: if fewer than three cameras are registered, none of the boxes is a
-            confident one of theirs, or no person is seen by three cameras.
+        InvalidInputError: if a detection's camera is not in the rig, a camera is not a pinhole, two
+            cameras have the same boxes, or `rounds` is negative.
+        InsufficientDataError: if fewer than three cameras are registered, they have no confident
+            boxes, or no person is seen by three cameras.
 
     Source:
         Sec. "Camera configuration and ground estimation" of the paper for `Settings.paper()`.
@@ -145,12 +145,12 @@ def _refine_by_paper(
     rounds: int,
     report: Progress,
 ) -> Refinement:
-    """Refine with the paper's procedure: all rounds, with the people of the paper's association."""
+    """Refine by the paper's procedure: all rounds, with people from the paper's association."""
     frame = CanonicalFrame.of(scene)
     start = frame.rig(scene.rig)
     observations = observe(detections, start, keep=np.ones(len(detections), bool))
     still = np.zeros((start.camera_count, 7))
-    # As in localization, an unweighted pass comes first, so that all rounds are comparable.
+    # As in localization, an unweighted pass comes first, which makes all rounds comparable.
     current = _associated(observations, start, still, 1.0, settings)
     current = _associated(observations, start, still, current.ratio, settings)
     if len(current.member) == 0:
@@ -181,7 +181,7 @@ def _associated(
     ratio: float,
     settings: Settings,
 ) -> _Round:
-    """Associate people with cameras that took a step, and measure how well their rays meet."""
+    """Associate people after a step of the cameras, and measure how well their rays meet."""
     rig = moved_rig(start, step)
     rays = cast_rays(observations, rig)
     groups = associate(observations, weigh_rays(observations, rays, ratio, settings), settings)
@@ -210,10 +210,10 @@ def _adjusted(
 
 
 def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray, " n"]:
-    """Weight of each foot pixel: the error of a box is proportional to its height.
+    """Weight of each foot pixel, for box errors proportional to box height.
 
     The weight of a ray (Eq. w) is lower for small boxes because it concerns lengths on the ground;
-    in pixels, small boxes are the more exact ones, down to the resolution of a detector.
+    in pixels, small boxes are more exact, down to the resolution of a detector.
     """
     height = observations.kept.height.astype(np.float64)
     median = float(np.median(height))

@@ -2,7 +2,7 @@
 
 The evidence method selects its most certain people, and the cameras are adjusted to their whole
 boxes, feet and heads: upright people on one ground separate focal length, camera height and tilt,
-which feet alone cannot. The adjusted rig makes the people of the next round more certain.
+which feet alone cannot do. The adjusted rig makes the people of the next round more certain.
 """
 
 from dataclasses import replace
@@ -45,8 +45,8 @@ from catfree.types._sampling import evenly_spread
 
 SAME_RESIDUAL = 0.01  # relative difference below which residuals count as equal
 PATIENCE = 3  # rounds without a smaller residual before the loop ends
-FEWEST_LEFT = 0.5  # of the people at the start: fewer may fit any rig
-RUN = 10  # consecutive frames used together: enough to track people
+FEWEST_LEFT = 0.5  # share of the people at the start; fewer may fit any rig
+RUN = 10  # consecutive frames used together, enough to track people
 
 
 class _Judged(NamedTuple):
@@ -70,13 +70,13 @@ def refine_by_evidence(
     Args:
         detections: confident boxes of registered cameras.
         scene: initial cameras and ground; a prior ties the cameras to their poses in it.
-        settings: of the evidence method and of the bundle adjustment of `calibrate`.
+        settings: settings of the evidence method and of the bundle adjustment of `calibrate`.
         rounds: maximum number of rounds.
         report: called as `report("refinement", done, rounds)`.
 
     Returns:
-        The scene of the round with the smallest median residual, including the given scene. Its
-        cameras are aligned to the given ones in mean orientation, scale and position.
+        The scene of the round with the smallest median residual, counting the given scene as a
+        round. Its cameras are aligned to the given ones in mean orientation, scale and position.
 
     Raises:
         InsufficientDataError: if no person is confidently seen by enough cameras.
@@ -85,7 +85,7 @@ def refine_by_evidence(
     observations = observe(detections, scene.rig, keep=np.ones(len(detections), bool))
 
     def adjusted(people: ConfidentPeople) -> _Judged | None:
-        """Adjust the current scene to people, and judge it; None if too few people remain."""
+        """Adjust the current scene to people and judge it; return None if too few people remain."""
         moved = _adjusted(detections, current.scene, people, scene, settings.calibration)
         try:
             result = _judge(detections, observations, moved, settings)
@@ -102,7 +102,7 @@ def refine_by_evidence(
             "is too inaccurate to be refined, or the views do not overlap."
         )
     trace, last_decrease = [current], 0
-    use_paper_groups = True  # until the evidence method's people lead to the better rig
+    use_paper_groups = True  # until the evidence method's people yield the better rig
     for done in range(rounds):
         if done - last_decrease >= PATIENCE:
             break
@@ -131,7 +131,7 @@ def refine_by_evidence(
 def in_runs(frame: np.ndarray, most: int) -> Bool[np.ndarray, " n"]:
     """Select the rows of at most `most` frames, in evenly spread runs of consecutive frames.
 
-    People cannot be tracked in single frames that are far apart.
+    People cannot be tracked over isolated frames.
     """
     frames = np.unique(frame)
     if len(frames) <= most:
@@ -161,8 +161,8 @@ def _people_of_paper(
 ) -> ConfidentPeople:
     """Group people with the paper's method: by feet within a wide tolerance and by appearance.
 
-    If cameras are off by a degree, the evidence method merges neighbors, and a wrong rig seems
-    consistent to it. Appearance does not depend on the rig.
+    If cameras are off by a degree, the evidence method merges neighboring people and finds a wrong
+    rig consistent. Appearance does not depend on the rig.
     """
     groups, _, _ = associate_in_two_passes(observations, judged.rays, settings)
     member = np.where(groups >= 0, observations.row[groups], -1)
@@ -182,15 +182,15 @@ def _adjusted(
 ) -> Scene:
     """Adjust the scene to the people of a round.
 
-    The adjustment works in meters on the ground z = 0. The usual height of people gives the length
-    of a meter, so the result does not depend on the unit of the scene.
+    The adjustment works in meters on the ground z = 0. The usual height of people defines the
+    meter, so the result does not depend on the unit of the scene.
     """
     rig = scene.rig
     frame = CanonicalFrame.of(scene)
     unit_in_meters = settings.apparent_height / people.height * frame.extent
     start = _parameters(frame, rig, unit_in_meters)
-    # The boxes of a person share their errors over time (shoes, build, detector bias), so all of
-    # them together are no more informative about the cameras than one.
+    # The boxes of a person share their errors over time (shoes, build, detector bias), so together
+    # they tell no more about the cameras than a single one.
     deviation = [FOCAL_SD] + [ROTATION_SD] * 3 + [CENTER_SD * unit_in_meters] * 3
     precision = people.repeats * np.array(deviation) ** -2.0
     person, camera = np.nonzero(people.member >= 0)

@@ -7,8 +7,8 @@ from jaxtyping import Float, Int
 
 from catfree.types import Scene
 
-CAMERAS = 3  # that see a person, at least
-STEPS = 10  # of the bundle adjustment per round
+CAMERAS = 3  # least number that must see a person
+STEPS = 10  # bundle adjustment steps per round
 MOST_FRAMES = 200  # a static rig needs people in many places, not every frame
 
 
@@ -19,9 +19,9 @@ class Refinement:
     Attributes:
         scene: the scene of the chosen round.
         residuals: (rounds done + 1,) median angle in radians between the rays of people seen by
-            enough cameras and their positions; the first is that of the given scene.
+            enough cameras and their positions; the first entry is for the given scene.
         chosen: the round with the smallest residual; 0 is the given scene.
-        people: (rounds done + 1,) number of those people.
+        people: (rounds done + 1,) number of these people.
     """
 
     scene: Scene

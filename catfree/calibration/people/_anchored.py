@@ -1,9 +1,9 @@
-"""Fit a rig from people to anchors: scale, map frame and cameras, and who contradicts whom.
+"""Fit of a rig from people to anchors: scale, map frame and cameras, with contradictions.
 
 The rig, the height of its crowd and the anchors are Gaussian measurements of the same cameras. The
 sum of their squared standardized residuals is minimized over the cameras, the scale and the map
-frame. Each anchor, and the crowd's height, is compared with what all others predict; the one that
-contradicts the others most is set aside until none does.
+frame. Each anchor, and the crowd's height, is compared with the prediction from all others; the one
+that contradicts the others most is set aside, until none does.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # its statistics, which take long to import, where they are used
+import scipy  # scipy.stats is slow to import, so it is loaded on use
 from jaxtyping import Bool, Float
 
 from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
@@ -51,23 +51,23 @@ from catfree.types import GeoReference
 from catfree.types._validation import shown_camera
 
 ROUNDS = 20  # of linearization; a fit takes four
-FARTHEST = 20.0  # logarithm of the scale or a focal length, beyond which a fit diverges
+FARTHEST = 20.0  # logarithm of the scale or a focal length at which a fit has diverged
 CONVERGED = 1e-9  # meters, radians and relative
-SAME = 1e-6  # difference of two sums of squares that rounding explains
-UNKNOWN = 1e3  # relative standard deviation of a height of which nothing is known
-FLATTEST = 0.01  # radians below the horizon; a pixel sees nearer ground
-UNCHECKED = 1e-9  # share of a measurement's information below which nothing else determines it
+SAME = 1e-6  # difference of two sums of squares due to rounding
+UNKNOWN = 1e3  # relative standard deviation of an unknown height
+FLATTEST = 0.01  # radians below the horizon; pixels must see nearer ground
+UNCHECKED = 1e-9  # share of a measurement's information below which it is not checked by others
 ON_MAP = (POSITION, ROTATION, POINT)
 LOGARITHMS = (DISTANCE, HEIGHT, FOCAL, PEOPLE)
 
 
 class _Innovation(NamedTuple):
-    """What a measurement states, minus what all others predict.
+    """A measurement minus its prediction from all others.
 
     Attributes:
         off: (d,) the difference, NaN where nothing else determines it.
-        covariance: (d, d) of this.
-        log_p: natural logarithm of the probability of a larger one by chance.
+        covariance: (d, d) of the difference.
+        log_p: natural logarithm of the probability of a larger difference by chance.
     """
 
     off: Float[np.ndarray, " d"]
@@ -77,13 +77,14 @@ class _Innovation(NamedTuple):
 
 @dataclass(frozen=True)
 class _Fit:
-    """Cameras and map frame that fit the measurements in use.
+    """Cameras and map frame fitted to the measurements in use.
 
     Attributes:
         cameras: (C, 7) in the frame of the people.
         frame: (4,) the map frame.
         covariance: (7C + 4, 7C + 4) of both.
-        innovations: of each usable measurement, in use or not, and last of the crowd's height.
+        innovations: one per usable measurement, in use or not; the last is that of the crowd's
+            height.
         misfit: sum of squares of the standardized residuals.
     """
 
@@ -105,21 +106,21 @@ def anchored(
 
     Args:
         calibration: the rig, without anchors.
-        anchors: what is known from elsewhere; with positions on a map, the scene comes out in the
-            map's frame, and with longitudes and latitudes in meters east and north of their middle.
+        anchors: independent measurements. With positions on a map, the scene is returned in the
+            map's frame; with longitudes and latitudes, in meters east and north of their middle.
         settings: constants.
-        camera_names: names of the cameras, by which anchors may refer to them.
+        camera_names: names by which anchors may refer to cameras.
 
     Returns:
-        The rig in meters, with `anchors` compared with everything else. An anchor that contradicts
-        the people and the other anchors is not used. If the crowd's height contradicts the anchors,
-        it counts as unknown within `unusual_height_sd`.
+        The rig in meters, with each anchor compared with all other evidence in `anchors`. An anchor
+        that contradicts the people and the other anchors is not used. If the crowd's height
+        contradicts the anchors, it counts as unknown within `unusual_height_sd`.
 
     Raises:
-        InvalidInputError: if an anchor refers to no camera, has a pixel outside its image, shows no
-            ground, or if positions on the map are too few.
-        CalibrationError: if only cameras that are not registered see the map, or if anchors that
-            agree with each other make people of an impossible height.
+        InvalidInputError: if an anchor's camera does not exist, its pixel is outside the image or
+            above the horizon, or positions on the map are too few.
+        CalibrationError: if only unregistered cameras see the map, or if consistent anchors imply
+            an impossible height of the people.
     """
     settings = CalibrationSettings() if settings is None else settings
     rig = calibration.scene.rig
@@ -162,13 +163,13 @@ def anchored(
 
 @dataclass(frozen=True)
 class _Problem:
-    """Everything that is measured.
+    """All measurements.
 
     Attributes:
-        measured: m of registered cameras, and last the usual height of the crowd.
+        measured: m measurements of registered cameras, and last the usual height of the crowd.
         cameras: (C, 7) cameras from the people.
         prior: (7C, 7C) their covariance.
-        start: (f,) where the free entries of the map frame start.
+        start: (f,) initial values of the free entries of the map frame.
         unusual: relative standard deviation of the height of a crowd that contradicts anchors.
     """
 
@@ -179,7 +180,7 @@ class _Problem:
     unusual: float
 
     def contradiction(self) -> CalibrationError:
-        """Say that nothing fits, and what to check."""
+        """Make the error that nothing fits, saying what to check."""
         if len(self.start) < 4:
             return CalibrationError(
                 "The lengths and heights of the anchors contradict the people and each other; "
@@ -193,7 +194,7 @@ class _Problem:
     def misfit_without(self, chosen: Bool[np.ndarray, " u"], at: int) -> float:
         """Sum of squares without one of the chosen measurements, or without the crowd's height.
 
-        Infinite if the map frame is no longer determined, or the fit diverges.
+        It is infinite if the map frame is no longer determined, or the fit diverges.
         """
         if at == len(chosen) - 1:
             return self.fit(chosen, UNKNOWN).misfit
@@ -213,9 +214,9 @@ class _Problem:
             testing procedure for use in geodetic networks".
 
         Args:
-            chosen: (m + 1,) the measurements to fit, and last whether the crowd is as usual.
-            crowd: relative standard deviation of the crowd's height, if it is neither as usual
-                nor as unusual.
+            chosen: (m + 1,) the measurements to fit, and last whether the crowd's height is usual.
+            crowd: relative standard deviation of the crowd's height, if neither the usual nor the
+                unusual one.
 
         Raises:
             CalibrationError: if the fit diverges.
@@ -250,8 +251,8 @@ class _Problem:
             at, frame, rounds = moved, frame + np.pad(step, (0, fixed)), rounds + 1
             if not np.abs(np.append(at[:, LOG_FOCAL], frame[0])).max() < FARTHEST:
                 raise self.contradiction()
-        # The error of cameras and frame, by those of the people's cameras and of the measurements:
-        # a covariance in this form is positive definite even where measurements are exact.
+        # Propagate the errors of the people's cameras and of the measurements: in this form, the
+        # covariance is positive definite even with exact measurements.
         K, H = gain @ M, Q @ G.T @ W
         error_of = np.block([[np.eye(len(prior)) - K @ A, -K], [-H @ A, -H]])
         free = error_of @ scipy.linalg.block_diag(prior, *noise) @ error_of.T
@@ -272,25 +273,26 @@ class _Problem:
 
 
 def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"], _Fit]:
-    """Set aside what contradicts the others, one by one, until nothing does.
+    """Set aside contradicting measurements one by one, until none contradicts the others.
 
-    Of all that contradict, the one without which the others agree best is set aside; the height of
-    the crowd before a measurement that would do as well. What agrees again afterwards returns once.
+    Of those that contradict, the one without which the others agree best is set aside; the crowd's
+    height goes before a measurement that would do equally well. One that agrees again afterward
+    returns once.
 
     Args:
-        problem: everything that is measured.
+        problem: all measurements.
         least: log probability below which a difference is a contradiction.
 
     Returns:
-        Which of the m measurements, and last whether the usual height of the crowd, are used; and
-        their fit.
+        A mask of the m measurements in use and, last, of the usual height of the crowd; and the
+        fit.
 
     Raises:
         CalibrationError: if the map frame is not determined by what remains, or the fit diverges.
     """
     crowd = len(problem.measured) - 1
     chosen = np.ones(crowd + 1, bool)
-    returned = np.arange(crowd + 1) == crowd  # the crowd does not
+    returned = np.arange(crowd + 1) == crowd  # the crowd never returns
     while True:
         fit = problem.fit(chosen)
         log_p = np.array([innovation.log_p for innovation in fit.innovations])
@@ -299,7 +301,7 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
             left = [problem.misfit_without(chosen, int(at)) for at in against]
             if np.isinf(left).all():
                 raise problem.contradiction()
-            # Where measurements are exact, rounding makes a sum of squares negative.
+            # With exact measurements, rounding can make a sum of squares negative.
             same = against[np.array(left) <= min(left) + SAME * (1 + abs(min(left)))]
             chosen[crowd] = True
             chosen[crowd if same[-1] == crowd else same[0]] = False
@@ -323,7 +325,7 @@ def _require_ground(
     cameras: Float[np.ndarray, "cam 7"],
     camera_names: Sequence[str] | None,
 ) -> None:
-    """Refuse pixels through which no ground is seen.
+    """Raise if a pixel does not see the ground.
 
     Raises:
         InvalidInputError: naming the camera.
@@ -343,9 +345,9 @@ def _require_ground(
 def _start(
     usable: Sequence[Measurement], cameras: Float[np.ndarray, "cam 7"]
 ) -> Float[np.ndarray, " f"]:
-    """The map frame that fits best without regard to deviations.
+    """The map frame that fits best, ignoring standard deviations.
 
-    Its last three entries are left out, and stay 0, unless anchors on a map determine them.
+    The last three entries are omitted, and stay 0, unless anchors on a map determine them.
     """
     on = [m for m in usable if m.kind in (POSITION, POINT)]
     turned = [m for m in usable if m.kind == ROTATION]
@@ -356,7 +358,7 @@ def _start(
     level = [m._replace(value=m.value[:2]) for m in on]
     points = places - linearize(level, cameras, np.zeros(4))[2].reshape(-1, 2)
     if distinct > 1:
-        # Over complex numbers a rotation times a scale is one factor.
+        # In complex numbers, a rotation times a scale is one factor.
         near, far = ((xy - xy.mean(0)) @ np.array([1, 1j]) for xy in (points, places))
         factor = (near.conj() @ far) / max((near.conj() @ near).real, 1e-12)
         scale, angle = max(abs(factor), 1e-3), float(np.angle(factor))
@@ -372,12 +374,12 @@ def _innovation(
     information: Float[np.ndarray, "d d"],
     error: Float[np.ndarray, " d"],
 ) -> _Innovation:
-    """Compare a measurement with what all others predict.
+    """Compare a measurement with its prediction from all others.
 
     Args:
-        noise: covariance of what is stated.
+        noise: covariance of the stated value.
         information: inverse covariance of stated minus predicted, 0 where nothing predicts it.
-        error: `information` times stated minus predicted.
+        error: `information` times (stated minus predicted).
     """
     root = np.linalg.cholesky(noise)
     share, axes = np.linalg.eigh(root.T @ information @ root)
@@ -399,7 +401,7 @@ def _check(
     *,
     used: bool,
 ) -> AnchorCheck:
-    """Compare one stated quantity with what everything else says, None if nothing is known."""
+    """Compare one stated quantity with all other evidence; None if there is none."""
     anchor, kind, value = measurement.anchor, measurement.kind, measurement.value
     about = _name(measurement, camera_names)
     if innovation is None:
@@ -431,7 +433,7 @@ def _check(
 
 
 def _about_people(calibration: Calibration, height: float, *, used: bool) -> str:
-    """Compare the height of the people by the anchors, if they tell it, with what is expected."""
+    """Compare the people's height according to the anchors, if known, with the expected one."""
     expected = f"{calibration.crowd_height:.2f} m (sd {calibration.crowd_height_sd:.2f} m)"
     if np.isnan(height):
         return f"No anchor tells how tall the people are; {expected} on average is assumed."
@@ -468,7 +470,7 @@ def _described(
     checks: tuple[AnchorCheck, ...],
     earth: GeoReference | None,
 ) -> Calibration:
-    """The calibration of the fitted cameras in the frame of the anchors."""
+    """Describe the fitted cameras as a calibration in the frame of the anchors."""
     rig, count = calibration.scene.rig, len(fit.cameras)
     known = rig.registered
     cameras, J = map_cameras(fit.cameras, fit.frame)

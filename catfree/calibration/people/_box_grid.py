@@ -43,7 +43,7 @@ class BoxGrid:
         return self.valid.shape[1]
 
     def thinned(self, most: int) -> "BoxGrid":
-        """Select at most so many frames, evenly spread."""
+        """Select at most this many frames, evenly spread."""
         at = evenly_spread(np.arange(self.frame_count), most)
         return BoxGrid(
             self.box[:, at], self.sd[:, at], self.valid[:, at], self.size, self.frames[at]
@@ -72,7 +72,7 @@ def grid_boxes(
         lenses: lenses to remove from the boxes.
 
     Returns:
-        The grid. Boxes that touch the image border are omitted, since at least one of their edges
+        The grid. Boxes that touch the image border are omitted, because at least one of their edges
         is not an edge of the person.
     """
     frames = evenly_spread(np.unique(detections.frame), settings.maximum_frames)
@@ -97,7 +97,7 @@ def grid_boxes(
 def edges_from_center(
     box: Float[np.ndarray, "n 4"], size: Int[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 3"]:
-    """(n, 3) middle column, top and bottom of boxes, in pixels from the middle of their images.
+    """(n, 3) center column, top and bottom row of boxes in pixels from the image center.
 
     Args:
         box: (n, 4) x1, y1, x2, y2 in pixels.

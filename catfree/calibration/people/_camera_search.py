@@ -1,4 +1,4 @@
-"""Remove, re-place or confirm cameras of a finished rig, given the others.
+"""Removal, re-placement or confirmation of cameras of a finished rig, given the others.
 
 Registration judges a camera against maps that are accurate to several percent of the range. Once
 the evidence method has refined the other cameras, the same search is far more selective: a missing
@@ -38,7 +38,7 @@ def reconsider(
 
     Args:
         calibration: a refined rig.
-        detections: (N,) the boxes it was made from.
+        detections: (N,) the boxes of the calibration.
         settings: constants.
 
     Returns:
@@ -65,7 +65,7 @@ def reconsider(
 
 
 def without_camera(calibration: Calibration, camera: int) -> Calibration:
-    """Remove a camera from the rig, in which it is then not registered and holds NaN."""
+    """Unregister a camera, setting its parameters to NaN."""
     return _with_cameras(calibration, _state(calibration.scene.rig).without_camera(camera), {})
 
 
@@ -81,7 +81,7 @@ def places_for(
         settings: constants.
 
     Returns:
-        One rig per position, possibly none, the likeliest first.
+        One rig per position, most likely first, possibly none.
     """
     work, state = _resume(calibration, detections, settings)
     return [
@@ -97,7 +97,7 @@ def offset_for(
     maximum: int,
     settings: CalibrationSettings,
 ) -> int:
-    """Find the clock offset with which a missing camera can be placed.
+    """Find the clock offset at which a missing camera can be placed.
 
     Args:
         calibration: a rig without the camera.
@@ -107,7 +107,7 @@ def offset_for(
         settings: constants.
 
     Returns:
-        Frames by which its frame numbers are too high; 0 if it fits nowhere, or without an offset.
+        Frames by which its frame numbers are too high; 0 if it fits without an offset, or nowhere.
     """
     work, state = _resume(calibration, detections, settings)
     if not work.useful[camera]:
@@ -121,10 +121,10 @@ def confirm(
 ) -> Calibration:
     """Recompute the evidence of every camera and remove cameras with too little evidence.
 
-    A camera without a box in the last adjustment stayed where it was while the others moved, so
-    its evidence must be positive: the same people are likelier than other people at the same
-    places. Adjusted cameras may have less where detectors miss many people. At least two cameras
-    always remain.
+    A camera without a box in the last adjustment did not move with the others, so its evidence must
+    be positive: the same people are more likely than other people at the same places. Adjusted
+    cameras may have less evidence where detectors miss many people. At least two cameras always
+    remain.
 
     Args:
         calibration: a rig.
@@ -154,7 +154,7 @@ def without_vague_cameras(
     """Remove cameras whose focal length is poorly determined by their people.
 
     Args:
-        calibration: the rig; a focal length of unknown deviation (NaN) is accepted.
+        calibration: the rig; a focal length with unknown standard deviation (NaN) is accepted.
         settings: constants.
         camera_names: for error messages.
 

@@ -1,7 +1,7 @@
-"""Refine a rig with people matched across cameras by other means.
+"""Refinement of a rig with people matched across cameras by other means.
 
 A method that weighs appearance, time and visibility groups boxes better than geometry alone. Its
-most certain groups make the rig more accurate; then the method can be run again.
+most certain groups make the rig more accurate, and then the method can be run again.
 """
 
 from dataclasses import replace
@@ -32,7 +32,7 @@ from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 from catfree.types._validation import as_float, as_integer, require_shape
 
-FEWEST_PEOPLE = 20  # from which a rig is refined
+FEWEST_PEOPLE = 20  # least number to refine a rig
 
 
 def refine_with_correspondences(
@@ -51,18 +51,18 @@ def refine_with_correspondences(
         calibration: the rig, without anchors; unregistered cameras stay unregistered.
         detections: (N,) boxes.
         members: (H, C) row of the detections in each camera for each person and frame, or -1; rows
-            with fewer than two registered cameras are omitted. Use only certain groups: wrong
-            groups hold the rig in place.
+            with fewer than two registered cameras are ignored. Use only certain groups, because
+            wrong groups hold the rig in place.
         settings: constants.
         box_sd: (N, 3) standard deviations in pixels of horizontal center, top and bottom; if
             None, those of the settings. NaN or infinity marks an edge without information.
-        repeats: mean number of groups that show the same person, times that at one place.
+        repeats: mean number of groups per person, times the mean number per person at one place.
         iterations: maximum number of steps.
 
     Returns:
-        The refined rig with new focal and center uncertainties, and with or without lens
-        distortion and with shared or separate focal lengths, whichever these people support; the
-        evidence is that of the given rig.
+        The refined rig with new focal and center uncertainties, with or without lens distortion,
+        and with shared or separate focal lengths, whichever these people support. The evidence is
+        that of the given rig.
 
     Raises:
         InvalidInputError: if anchors were fitted to the rig, if shapes do not match, or if members
@@ -132,7 +132,7 @@ def refine_with_correspondences(
     instants = len(np.unique(np.asarray(detections.frame)[row]))
     rig_sd = shape_deviation(result.parameters, result.camera_covariance(repeats), adjusted)
     found = told_by(result, instants, settings)
-    for name in ("focal_sd", "center_covariance"):  # cameras without boxes keep theirs
+    for name in ("focal_sd", "center_covariance"):  # cameras without boxes keep their values
         found[name] = np.where(np.isnan(found[name]), getattr(calibration, name), found[name])
     return replace(
         calibration,

@@ -1,4 +1,4 @@
-"""Boxes as cameras without lens distortion would show them."""
+"""Removal of radial lens distortion from boxes."""
 
 from dataclasses import dataclass
 
@@ -38,7 +38,7 @@ class RadialLenses:
         return cls(share * size, k1)
 
     def of_focal(self, focal: Float[np.ndarray, " cam"]) -> "RadialLenses":
-        """Lenses of other focal lengths that bend pixels as these do."""
+        """Lenses with other focal lengths and the same distortion of pixels."""
         return RadialLenses(focal, self.k1 * (focal / self.focal) ** 2)
 
     def straightened(
@@ -51,7 +51,7 @@ class RadialLenses:
             edges: (n, 3) center column, top and bottom row in pixels from the image center.
 
         Returns:
-            (n, 3) the same edges seen without distortion; the edges themselves if no lens is bent.
+            (n, 3) the undistorted edges; the input edges if no lens has distortion.
         """
         if not self.k1.any():
             return edges
@@ -72,10 +72,10 @@ def radial_distortion(rig: Rig) -> Float[np.ndarray, " cam"]:
 def ideal_pixels(
     rig: Rig, camera: Int[np.ndarray, " n"], pixel: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Pixels of ideal cameras with square pixels, from the principal point.
+    """Convert pixels to ideal cameras with square pixels, relative to the principal point.
 
     Args:
-        rig: the cameras, pinholes.
+        rig: the cameras, which must be pinholes.
         camera: (n,) camera of each pixel.
         pixel: (n, 2) as observed.
 
@@ -88,7 +88,7 @@ def ideal_pixels(
 
 
 def lens(k1: Float[Array, ""]) -> Float[Array, "5"]:
-    """OpenCV's five coefficients of a lens with radial distortion k1 alone."""
+    """Return OpenCV's five coefficients of a lens with radial distortion k1 alone."""
     return jnp.zeros(5, k1.dtype).at[0].set(k1)
 
 

@@ -36,22 +36,22 @@ FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
 
 @dataclass(frozen=True)
 class Calibration:
-    """A rig from people, how exact it is, and the evidence for each camera.
+    """A rig from people, its uncertainty, and the evidence for each camera.
 
     Attributes:
         scene: metric scene, z up, ground z = 0; cameras that cannot be trusted are not registered
             and hold NaN.
-        association_rate: (C,) fraction matched of the people that both a camera and the rest of the
+        association_rate: (C,) matched fraction of the people that both a camera and the rest of the
             rig should see; NaN for unregistered cameras, as in the following fields.
         log_likelihood_ratio: (C,) natural-log evidence of each camera against the map of the
             others, minus the highest evidence of its boxes at shifted times.
         focal_sd: (C,) standard deviation of the focal length in pixels.
-        camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center, by
-            which people and anchors are weighed; more than `focal_sd` and `center_covariance`,
-            because the boxes of one person share errors, and focal lengths may differ. 0 for
-            unregistered cameras, NaN for newly placed ones.
+        camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center, for
+            weighing people against anchors; larger than `focal_sd` and `center_covariance`, because
+            the boxes of one person share errors, and focal lengths may differ. 0 for unregistered
+            cameras, NaN for newly placed ones.
         distortion_sd: (C,) standard deviation of the radial distortion k1 in
-            `scene.rig.distortion`; 0 where none was estimated, because it did not pay.
+            `scene.rig.distortion`; 0 where none was estimated because it did not pay off.
         center_covariance: (C, 3, 3) of the camera centers in square meters, with the heading and
             ground position of the camera with most boxes fixed. This and `focal_sd` cover random
             box noise, the foot offset, and lens distortion where it was estimated; `scale_sd`
@@ -59,18 +59,18 @@ class Calibration:
         shared_focal: whether one focal length is used for all cameras.
         scale_sd: relative standard deviation of every length, from the uncertain height of the
             people, the slack of the boxes, the foot offset, and box noise.
-        crowd_height: mean height of the people in meters. Without anchors it is an assumption on
-            which the scale rests: if the people are children, all lengths are too long.
-        crowd_height_sd: its standard deviation, with the slack of the boxes.
+        crowd_height: mean height of the people in meters. Without anchors, the scale rests on this
+            assumption: if the people are children, all lengths are too long.
+        crowd_height_sd: its standard deviation, including the slack of the boxes.
         foot_offset: meters by which the bottom of a box is closer to the camera than the body axis.
         residual: median absolute residual in standard deviations of the box edges.
         camera_residual: (C,) the same per camera, NaN for cameras without boxes. A camera with a
             clearly higher residual than the others is misplaced.
         sightings: (C,) number of boxes per camera in the last adjustment.
-        frame_offset: (C,) frames by which each camera's frame numbers are too high: those found
-            by the search for offsets, if requested, and lags of the settled rig.
-        anchors: each quantity that anchors state, and the height of the people, compared with
-            everything else; empty without anchors.
+        frame_offset: (C,) frames by which each camera's frame numbers are too high: offsets from
+            the search, if requested, and lags found in the refined rig.
+        anchors: each quantity stated by anchors, and the height of the people, compared with all
+            other evidence; empty without anchors.
     """
 
     scene: Scene
@@ -93,7 +93,7 @@ class Calibration:
 
     @property
     def contradictions(self) -> tuple[str, ...]:
-        """Sentences about anchors, or a height of the people, that were not used."""
+        """Sentences about unused anchors, and about an unused height of the people."""
         return tuple(check.sentence for check in self.anchors if not check.used)
 
 
@@ -106,11 +106,11 @@ def register(
     maximum_offset: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Register cameras over a metric ground from boxes of walking people: the start of `calibrate`.
+    """Register cameras over a metric ground from boxes alone: the first half of `calibrate`.
 
-    The known range of people's heights gives every camera its tilt, roll, height and a metric map
-    of the ground. People seen by two cameras at the same time join their maps. Cameras are added
-    as long as their evidence exceeds that of the same boxes at shifted times.
+    The known range of people's heights yields each camera's tilt, roll, height and a metric map of
+    the ground. People seen by two cameras at the same time join their maps. Cameras are added as
+    long as their evidence exceeds that of the same boxes at shifted times.
 
     Args:
         detections: (N,) boxes of synchronized static cameras; scores and appearance are not used.
@@ -150,10 +150,10 @@ def _register_bent(
     camera_names: Sequence[str] | None,
     report: Progress,
 ) -> tuple[Workspace, AdjustedRig]:
-    """Register cameras with ideal lenses, and if fewer than three are found, with bent ones.
+    """Register cameras with ideal lenses or, if fewer than three are found, with distorted ones.
 
-    Three cameras share people to whom their lenses are adjusted, and then find the others. Bent
-    lenses must place more cameras, with more evidence in total.
+    Three cameras share people to adjust their lenses to, and then find the others. Distorted lenses
+    must place more cameras, with more evidence in total.
 
     Raises:
         CalibrationError: if no two cameras share people, whatever the lenses.
@@ -225,11 +225,11 @@ def describe_registration(
             f"Only {trusted} cameras can be trusted and 2 are needed "
             f"({reasons or 'no matches'}); check synchronization and overlap, or record longer."
         )
-    # A camera that cannot be trusted is kept only beside a single other one (`judge_cameras`).
+    # A camera that cannot be trusted is kept only in a rig of two (`judge_cameras`).
     association, evidence = np.full((2, work.grid.camera_count), np.nan)
     for camera, verdict in verdicts.items():
         association[camera], evidence[camera] = verdict.association, verdict.margin
-    # The boxes were straightened for another focal length.
+    # The boxes were undistorted for another focal length.
     k1 = work.lenses.of_focal(np.exp(state.parameters[:, LOG_FOCAL])).k1
     return Calibration(
         scene=scene_of(state.parameters, work.grid.size, k1),
@@ -245,11 +245,11 @@ def describe_registration(
 
 
 def told_by(bundle: BundleResult, instants: int, settings: CalibrationSettings) -> dict[str, Any]:
-    """Fields of a `Calibration` that every adjustment tells; NaN for cameras without boxes.
+    """Fields of a `Calibration` known from any adjustment; NaN for cameras without boxes.
 
     Args:
         bundle: the adjustment.
-        instants: number of frames that its people are from.
+        instants: number of frames with its people.
         settings: constants.
     """
     known = np.isfinite(bundle.parameters[:, LOG_FOCAL])

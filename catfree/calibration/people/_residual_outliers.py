@@ -1,4 +1,4 @@
-"""Detect cameras whose boxes fit the rig far worse than those of the others."""
+"""Detection of cameras whose boxes fit the rig far worse than those of the others."""
 
 from collections.abc import Collection
 
@@ -32,7 +32,7 @@ def worst_outlier(
     """Find the camera whose boxes fit worst, if they fit clearly worse than the others'.
 
     A misplaced camera matches enough of a crowd to pass every criterion that counts matches. It is
-    detected by its high residuals, or because few of its boxes belong to confident people.
+    revealed by high residuals, or because few of its boxes belong to confident people.
 
     Args:
         residual: (C,) median residual of each camera in standard deviations, NaN for cameras
@@ -43,8 +43,8 @@ def worst_outlier(
         tried: cameras to ignore.
 
     Returns:
-        Its index, or None if no camera stands out or there are too few to compare. Cameras without
-        support come first.
+        The index of the camera, or None if none stands out or there are too few to compare. Cameras
+        without support come first.
     """
     cameras = [int(c) for c in np.flatnonzero(np.isfinite(support))]
     if len(cameras) < settings.fewest_to_compare:

@@ -1,4 +1,4 @@
-"""Average reconstructions of several instants, each with its own gauge, into one static rig."""
+"""Averaging of reconstructions of several instants, each in its own gauge, into one static rig."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ def aggregate(reconstructions: Sequence[Reconstruction], image_size: ArrayInput)
 
     The instants are aligned to the one that agrees best with the others, then to their average.
     All averages are medians (of angles, distances and log focal lengths), so up to a third of the
-    instants, and single cameras of the others, may be wrong.
+    instants, and single cameras in the others, may be wrong.
 
     Args:
         reconstructions: one per instant, with the same cameras in the same order.
@@ -132,7 +132,7 @@ def _poses(reconstructions: Sequence[Reconstruction]) -> Poses:
 
 
 def _have_extent(poses: Poses) -> Bool[np.ndarray, " n"]:
-    """Mark the instants of which two known cameras are at different places."""
+    """Mark the instants in which two known cameras are at different places."""
     first = poses.center[np.arange(len(poses.center)), poses.known.argmax(axis=1)]
     away = np.linalg.norm(poses.center - first[:, None], axis=-1)
     apart = away > ROUNDING * np.linalg.norm(poses.center, axis=-1)

@@ -1,4 +1,4 @@
-"""Align the gauges (frames and scales) of the instants.
+"""Alignment of the gauges (frames and scales) of the instants.
 
 A reconstruction determines its cameras up to a similarity, its gauge. Instants can be compared,
 averaged and rejected only in a common gauge, so this module contains alignment, averages and
@@ -50,7 +50,7 @@ class Gauges:
 def align(poses: Poses, target: Poses) -> Gauges:
     """Fit the similarity from each instant to one rig by medians over cameras.
 
-    Those of instants that share fewer than two cameras with the rig have scale NaN.
+    Instants that share fewer than two cameras with the rig get scale NaN.
     """
     shared = poses.known & target.known
     turns = np.swapaxes(target.R, -1, -2)[None] @ poses.R
@@ -89,7 +89,7 @@ def central_instant(poses: Poses) -> Poses:
     cost = np.full(len(poses.R), np.inf)
     for instant in np.flatnonzero(poses.known.sum(axis=1) >= 2):
         target = Poses(poses.R[instant], poses.center[instant], poses.known[instant])
-        # The lower median: two instants are equally good.
+        # The lower median, so that two instants are equally good.
         apart = np.sort(_disagreement(align(poses, target).poses(poses), target))
         # Few shared cameras agree easily, so missing cameras count as disagreement.
         cost[instant] = apart[len(apart) // 2] + (~target.known).mean()
@@ -98,14 +98,14 @@ def central_instant(poses: Poses) -> Poses:
 
 
 def agreeing(aligned: Poses, rig: Poses) -> Bool[np.ndarray, " n"]:
-    """Mark the instants that do not disagree unusually much with the rig, (N,)."""
+    """Mark the instants that agree with the rig as well as is usual, (N,)."""
     apart = _disagreement(aligned, rig)
     usual = np.median(apart[np.isfinite(apart)])
     return apart <= max(OUTLIER_FACTOR * MEDIAN_TO_DEVIATION * usual, AGREEMENT)
 
 
 def average_poses(aligned: Poses, used: Bool[np.ndarray, "n cam"]) -> Poses:
-    """Average the used poses of each camera; NaN and not known for cameras without any."""
+    """Average the used poses of each camera; cameras without any become NaN and unknown."""
     R, center = median_rotation(aligned.R, used), geometric_median(aligned.center, used)
     return Poses(R, center, np.asarray(used.any(axis=0)))
 

@@ -1,4 +1,4 @@
-"""Find the ground among the planes of a scene, such as walls, ceilings and tables."""
+"""Search for the ground among the planes of a scene, such as walls, ceilings and tables."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ INLIER_SHARE = 0.01  # fraction of E: the paper's tolerance of a ray (delta)
 REMOVED_SHARE = 3.0  # tolerances around a rejected plane within which points are removed
 CANDIDATES = 8  # planes to try: floor, ceiling, four walls and two more
 FEWEST_POINTS = 30  # smaller planes are chance
-SMALLEST_SHARE = 0.005  # the same as a fraction of all points
+SMALLEST_SHARE = 0.005  # of all points; likewise
 SAMPLED_POINTS = 20_000  # larger clouds are evenly sampled
 CONFIDENT = 0.5  # points below this fraction of the median confidence are ignored
 ITERATIONS = 1024  # random triples: a plane with 15 % of the points is missed once in 30 runs
@@ -90,7 +90,7 @@ def find_ground(
             f"A ground needs at least 3 scene points and a registered camera, got "
             f"{int(usable.sum())} points and {len(centers)} cameras."
         )
-    # Centered and scaled to size one, float32 is exact enough for any scene.
+    # With the scene centered and scaled to size one, float32 is exact enough.
     middle = centers.mean(axis=0)
     extent = 2 * float(np.median(np.linalg.norm(centers - middle, axis=-1)))
     if extent == 0:
@@ -126,7 +126,7 @@ def find_ground(
             f"ground ({reasons}); choose instants that show more of the floor, or pass a Scene "
             "with a known ground."
         )
-    # `min` is stable: of planes without information on feet, it selects the first, the largest.
+    # `min` is stable: among planes without information on feet, it selects the first and largest.
     best = min(good, key=lambda c: c.feet_apart if np.isfinite(c.feet_apart) else np.inf)
     distance = np.abs(best.plane.signed_distance(np.where(usable[:, None], cloud, 0.0)))
     inliers = usable & (distance <= tolerance * extent)

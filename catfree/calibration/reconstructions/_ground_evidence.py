@@ -1,4 +1,4 @@
-"""Judge from cameras and people whether a plane is the ground.
+"""Judgment, from cameras and people, of whether a plane is the ground.
 
 Walls, ceilings and tables are planes too, often the largest. The images distinguish the ground: the
 cameras are above it at a plausible height relative to people, people stand upright on it, their
@@ -21,7 +21,7 @@ SAMPLED_DETECTIONS = 5_000
 FEWEST_DETECTIONS = 10  # fewer do not determine the vertical
 
 LARGEST_TILT = np.deg2rad(30.0)  # streets slope by 10 degrees; boxes of leaning people add 10
-LARGEST_CAMERA_TILT = np.deg2rad(50.0)  # without people: cameras may look down steeply
+LARGEST_CAMERA_TILT = np.deg2rad(50.0)  # without people; cameras may look steeply down
 CAMERAS_ABOVE = 0.9  # fraction of the cameras
 FEET_AHEAD = 0.8  # fraction of the foot rays that meet the ground; some boxes are wrong
 CAMERA_HEIGHT = (0.2, 60.0)  # in person heights: from a toy tripod to a 100 m tower
@@ -32,7 +32,7 @@ _heights = jax.jit(jax.vmap(implied_height, (0, 0, 0, None, None)))
 
 @dataclass(frozen=True)
 class GroundCandidate:
-    """A plane of the scene and the evidence of the images about it; NaN if there is none.
+    """A plane of the scene, and the images' evidence about it; NaN if there is none.
 
     Attributes:
         plane: the plane, oriented toward the cameras.
@@ -108,7 +108,7 @@ def way_up(rig: Rig, people: BodyRays | None) -> Float[np.ndarray, "3"]:
         return camera_up
     across = np.cross(people.foot, people.head)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), np.finfo(float).tiny)
-    # If all people are in one direction, a circle of solutions remains; the cameras resolve it.
+    # If all people are in one direction, a circle of solutions remains, which the cameras resolve.
     doubt = np.eye(3) - np.outer(camera_up, camera_up)
     scatter = np.einsum("ni,nj->ij", across, across) / len(across) + 0.01 * doubt
     up = np.linalg.eigh(scatter)[1][:, 0]

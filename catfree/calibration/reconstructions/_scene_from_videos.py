@@ -1,4 +1,4 @@
-"""Build a scene from videos: reconstruct instants, aggregate them and find the ground."""
+"""Scenes from videos: reconstruct instants, aggregate them and find the ground."""
 
 import numpy as np
 
@@ -39,8 +39,8 @@ def scene_from_videos(
         The scene, in meters if the reconstructor's units are.
 
     Raises:
-        InvalidInputError: if an argument is something else, or the reconstructor returns something
-            else than a `Reconstruction`.
+        InvalidInputError: if an argument has another type, or the reconstructor returns anything
+            but a `Reconstruction`.
         InsufficientDataError: if no instant is in all videos or has two registered cameras.
         GroundRejectedError: if no plane of the scene can be the ground.
     """
@@ -52,7 +52,7 @@ def scene_from_videos(
     if not len(complete):
         raise InsufficientDataError(f"No instant is in all {videos.camera_count} videos.")
     count = min(instants, len(complete))
-    # The centers of equal parts, since the first and last instants are often unusable.
+    # The centers of equal parts, because the first and last instants are often unusable.
     chosen = complete[((np.arange(count) + 0.5) * len(complete) / count).astype(int)]
     reconstructions = []
     for done, position in enumerate(chosen):

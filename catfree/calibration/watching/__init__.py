@@ -1,4 +1,4 @@
-"""Watch a rig: has a camera moved, is its clock late, is it dead?"""
+"""Monitoring of a rig: has a camera moved, is its clock late, is it dead?"""
 
 from catfree.calibration.watching._check import (
     CameraCheck as CameraCheck,

@@ -1,11 +1,11 @@
-"""How far the cameras disagree: turns and lags of all cameras, with the people eliminated.
+"""Disagreement of the cameras: turns and lags of all cameras, with the people eliminated.
 
-Every person's place is unknown in every frame. After it is eliminated, each person who is seen by
-two or more cameras leaves a quadratic cost of turns and lags of these cameras. Costs add up over
-people and over time: what a camera did in a window, since a window, or all the time follows from
-sums of the same matrices. Centers and focal lengths of the cameras are off by constant errors
-within the usual deviations of a rig. They are unknowns, too: people who walk to other places must
-not look like a camera that turns.
+Every person's place is unknown in every frame. With it eliminated, each person seen by two or more
+cameras leaves a quadratic cost of these cameras' turns and lags. Costs add up over people and over
+time, so the errors of a camera in a window, since a window, or throughout follow from sums of the
+same matrices. Centers and focal lengths of the cameras have constant errors within the usual
+deviations of a rig. They are unknowns, too, so that people who walk to other places do not look
+like a turning camera.
 """
 
 from typing import NamedTuple
@@ -26,23 +26,23 @@ from catfree.geometry._least_squares import CAUCHY
 
 ROUNDS = 3  # of matching and solving
 REWEIGHTED = 2  # solutions per round
-HEIGHT_SD = 0.1  # of a person's height around that of its track
-TURN_SD, LAG_SD = np.deg2rad(20.0), 30.0  # weak priors, for errors that no person constrains
-CENTER_SD, FOCAL_SD = 0.15, 0.03  # of a rig from people or reconstructions
-LARGEST_STEP = np.deg2rad(5.0)  # of a turn in one solution
-FARTHEST = 1.0  # person heights by which a place may be corrected at a time
+HEIGHT_SD = 0.1  # of a person's height relative to that of the track
+TURN_SD, LAG_SD = np.deg2rad(20.0), 30.0  # weak priors for errors that no person constrains
+CENTER_SD, FOCAL_SD = 0.15, 0.03  # for a rig from people or reconstructions
+LARGEST_STEP = np.deg2rad(5.0)  # of a turn per solution
+FARTHEST = 1.0  # person heights; largest correction of a place at a time
 
 
 class Window(NamedTuple):
-    """What one window of time says about the cameras' errors.
+    """Information from one window of time on the cameras' errors.
 
     Attributes:
         begin: first step.
         stop: step after the last one.
         matrix: (G, 8C, 8C) information of each person (group) on the errors of all cameras.
-        vector: (G, 8C) its product with them, so that their sum is solved for the errors.
-        counts: (4, C) people matched with a box, people who should be in the image, distinct ones
-            among these, and boxes.
+        vector: (G, 8C) matrix times errors: the sums over G are solved for the errors.
+        counts: (4, C) people matched with a box, people who should be in the image, distinct people
+            among the latter, and boxes.
         errors: (C, 8) of the cameras, from the boxes of this window.
     """
 
@@ -67,14 +67,14 @@ def solve_window(
     start: Float[np.ndarray, "cam 8"],
     shifts: Int[np.ndarray, " s"] | None = None,
 ) -> Window:
-    """Match everybody of a window, and sum what it says about the cameras' errors.
+    """Match everybody in a window, and sum the information on the cameras' errors.
 
     Args:
         sights: the recording.
         begin: first step.
         stop: step after the last one.
         start: (C, 8) errors of the cameras to begin with.
-        shifts: lags to look for, in steps; None to trust `start`.
+        shifts: lags to try, in steps; None to trust `start`.
     """
     people, count = sights.people, len(sights.place)
     person = people.between(begin, stop)
@@ -94,7 +94,7 @@ def solve_window(
     counts = np.zeros((4, count), np.int64)
     counts[3] = boxes
     for camera, found in zip(registered.tolist(), solved.matches, strict=True):
-        # A camera's own boxes do not make a person expected.
+        # A camera's own boxes do not make a person expected in it.
         others = people.seen_by_others(camera, found.expected)
         matched, distinct = np.isin(found.person, others).sum(), np.unique(people.track[others])
         counts[:3, camera] = matched, len(others), len(distinct)
@@ -102,13 +102,14 @@ def solve_window(
 
 
 class _Equations(NamedTuple):
-    """Normal equations of each person: of all cameras' errors, and what eliminates the place.
+    """Normal equations of each person: cameras' errors, and the terms that eliminate the place.
 
     Attributes:
         per_camera: (M, C, 8, 8) matrix of each camera's errors.
-        right: (M, C, 8) its right-hand side.
-        mixed: (M, 3, 8C) between place and height and the errors.
-        solution: (M, 3, 8C + 1) of the place's equations for `mixed` and its right-hand side.
+        right: (M, C, 8) right-hand side.
+        mixed: (M, 3, 8C) cross terms of place and height with the errors.
+        solution: (M, 3, 8C + 1) solution of the place's equations for `mixed` and its right-hand
+            side.
     """
 
     per_camera: Float[np.ndarray, "m cam 8 8"]
@@ -128,12 +129,12 @@ class _Equations(NamedTuple):
         """Build them from linearized boxes.
 
         Args:
-            slope: of the angles of each box by its camera's errors, place and height (all lengths
-                in person heights).
-            residual: measured less predicted angles.
-            precision: of these, 0 where there is no box.
+            slope: derivatives of the angles of each box by its camera's errors, place and height
+                (all lengths in person heights).
+            residual: measured minus predicted angles.
+            precision: of the residuals, 0 where there is no box.
             held: precision of the prior of each height.
-            pull: the same times how much taller the prior is.
+            pull: `held` times (prior minus current height).
         """
         m, count = residual.shape[:2]
         errors, place = slice(0, PARAMETERS), slice(PARAMETERS, None)
@@ -149,7 +150,7 @@ class _Equations(NamedTuple):
         return cls(normal[..., errors, errors], right[..., errors], mixed, solution)
 
     def sums(self, rows) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-        """Sum matrices and vectors of some people for the errors, with their places eliminated."""
+        """Sum the matrices and vectors of some people for the errors, with places eliminated."""
         mixed, solution = self.mixed[rows], self.solution[rows]
         p, cameras = mixed.shape[-1], np.arange(self.per_camera.shape[1])
         matrix = -mixed.reshape(-1, p).T @ solution.reshape(-1, p + 1)
@@ -163,9 +164,9 @@ class _Solved(NamedTuple):
     """One round of matching and solving.
 
     Attributes:
-        matches: of each registered camera.
-        used: (M,) whether two cameras or more see the person.
-        equations: of all people, around the `present` errors.
+        matches: matches of each registered camera.
+        used: (M,) whether two or more cameras see the person.
+        equations: equations of all people, linearized at the `present` errors.
         present: (C, 8) errors before the round.
         errors: (C, 8) errors after it.
         state: (M, 3) places and heights after it.
@@ -199,7 +200,7 @@ def _solve(
 ) -> _Solved:
     """Match with the present errors and places, linearize, and solve with robust weights.
 
-    Errors that no person constrains stay as they were when the window was `begun`.
+    Errors that no person constrains keep their values from `begun`.
     """
     people, boxes, count = sights.people, sights.boxes, len(sights.place)
     registered = np.flatnonzero(sights.scene.rig.registered)
@@ -219,7 +220,7 @@ def _solve(
     place = corrected_place(sights, np.arange(count), present)
     value, slopes = linear(moved, velocity, place[camera])
     slopes[..., CENTER] *= sights.unit
-    slopes[..., PARAMETERS:] *= sights.unit  # so that any unit of length gives the same
+    slopes[..., PARAMETERS:] *= sights.unit  # so that the unit of length does not matter
     slope[row, camera], residual[row, camera] = slopes, boxes.angle[box] - value
     precision[row, camera] = np.where(boxes.whole[box], boxes.deviation[box] ** -2.0, 0.0)
     used = (precision[..., 0] > 0).sum(-1) >= 2
@@ -236,7 +237,7 @@ def _solve(
             moved = np.einsum("mcei,mi->mce", slope[..., PARAMETERS:], shift)
             weight = 1 / (1 + (residual - turned - moved) ** 2 * precision / CAUCHY**2)
             equations = _Equations.of(slope, residual, precision * weight, held, pull)
-        # A window alone tells turns and lags only; matches need no more.
+        # A window alone determines only turns and lags; matching needs no more.
         matrix, vector = equations.sums(slice(None))
         needed = (vector - known @ (theta - begun))[quick]
         step[quick] = np.linalg.solve((matrix + known)[np.ix_(quick, quick)], needed)

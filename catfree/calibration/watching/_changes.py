@@ -1,8 +1,8 @@
-"""When a camera turned or its clock jumped: changes of a linear model of all cameras over time.
+"""Times at which a camera turned or its clock jumped: a linear model of all cameras over time.
 
 The costs of the windows are quadratic. Errors that are constant, grow with time or begin at a
 window therefore form one linear model, and the evidence for one more change has a closed form.
-Every person is off by a bias of their own: how far people differ tells the true noise.
+Every person has a bias of their own, so the scatter between people reveals the true noise.
 """
 
 from collections.abc import Sequence
@@ -18,20 +18,20 @@ from catfree.calibration.watching._sights import LAG, LAGS, PARAMETERS, TURN
 
 KINDS = (TURN, LAG)
 REPEATS = (3, 1, PARAMETERS - 4)  # parameters of the turn, the lag and the rest
-POOLED = 8.0  # degrees of freedom of what is known before a camera's people tell its noise
-HELD = 1e8  # times the information of the prior on centers and focal lengths
-FEWEST_WINDOWS = 4  # below which nothing is said to change
-# Errors that no number of people averages out: of places where the map is bent, of gait.
-FLOORS = np.deg2rad(0.05) ** 2, 0.03**2  # variances of a turn and of a lag
-MOST_CHANGES = 3  # of one camera and kind
-LOST = 0.3  # of the usual share of matches; below it a camera does not show these people
+POOLED = 8.0  # degrees of freedom of the pooled noise, the prior of each camera's
+HELD = 1e8  # factor on the information of the prior on centers and focal lengths
+FEWEST_WINDOWS = 4  # fewer cannot show a change
+# Errors that do not average out over people: local distortion of the map, gait.
+FLOORS = np.deg2rad(0.05) ** 2, 0.03**2  # variances of a turn and a lag
+MOST_CHANGES = 3  # per camera and kind
+LOST = 0.3  # of the usual share of matches; with less, a camera does not show these people
 
 
 class Change(NamedTuple):
     """A camera's error that begins at a window.
 
     Attributes:
-        camera: its index.
+        camera: index of the camera.
         kind: `TURN` or `LAG`, the parameters that changed.
         window: the first window after the change.
     """
@@ -42,7 +42,7 @@ class Change(NamedTuple):
 
 
 def columns_of(camera: int, kind: slice) -> slice:
-    """Where the parameters of a kind of one camera are among those of all cameras."""
+    """Positions of the parameters of one camera and kind among those of all cameras."""
     return slice(PARAMETERS * camera + kind.start, PARAMETERS * camera + kind.stop)
 
 
@@ -51,15 +51,15 @@ class Course:
     """The errors of all cameras over time.
 
     Attributes:
-        windows: those that it was fitted to.
-        changes: what was found.
+        windows: the fitted windows.
+        changes: the changes found.
         design: (W, 8C, q) map from `value` to the errors of all cameras in each window.
-        value: (q,) constant errors (8C), rates of the clocks (C), then those of the changes.
-        covariance: of `value`, without the factor `noise`.
+        value: (q,) constant errors (8C), clock rates (C), then the changes.
+        covariance: covariance of `value`, without the factor `noise`.
         matrix: (W, 8C, 8C) information of each window on the errors.
-        rest: (W, 8C) gradient of the log likelihood of each window that the fit leaves.
-        reference: the camera to which lags are relative, before its changes: its lags are nearest
-            to those of all others over the recording.
+        rest: (W, 8C) remaining gradient of the log likelihood of each window.
+        reference: the camera to which lags are relative, before its changes: the one whose lags are
+            nearest to those of all others over the recording.
         noise: (C, 2) factor by which variances of turns and lags exceed those of box noise alone.
         freedom: (C, 2) degrees of freedom of `noise`.
     """
@@ -81,8 +81,8 @@ class Course:
         """Errors of all cameras in a window, and their covariance with the factor `noise`.
 
         Args:
-            window: its index.
-            changed: another window, if the errors should have changed as in that one.
+            window: index of the window.
+            changed: another window whose changes should apply, if any.
         """
         design, constant = self.design[window].copy(), (PARAMETERS + 1) * len(self.noise)
         if changed is not None:
@@ -90,7 +90,7 @@ class Course:
         return self._errors(design)
 
     def rates(self) -> tuple[Float[np.ndarray, " cam"], Float[np.ndarray, "cam cam"]]:
-        """Growth of each clock's lag in steps per step, and the covariance."""
+        """Growth rate of each clock's lag in steps per step, and the covariance."""
         p = PARAMETERS * len(self.noise)
         design = np.zeros((p, len(self.value)))
         design[LAGS, p : p + len(self.noise)] = np.eye(len(self.noise))
@@ -119,12 +119,12 @@ class Course:
     def of_changes(
         self, indices: Sequence[int]
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
-        """Sum changes of one camera and kind; return the sum and its covariance."""
+        """Sum the changes of one camera and kind; return the sum and its covariance."""
         camera, kind, _ = self.changes[indices[0]]
         which = KINDS.index(kind)
         begins = np.array([self.changes[index].window for index in indices])
         design = (self.design[begins] - self.design[begins - 1]).sum(0)[columns_of(camera, kind)]
-        design[:, : (PARAMETERS + 1) * len(self.noise)] = 0  # what grows with time
+        design[:, : (PARAMETERS + 1) * len(self.noise)] = 0  # without constant and growing errors
         covariance = self.noise[camera, which] * design @ self.covariance @ design.T
         return design @ self.value, covariance + FLOORS[which] * np.eye(len(design))
 
@@ -136,11 +136,11 @@ def fit_course(
     kinds: Sequence[slice] = KINDS,
     first: int = 1,
 ) -> Course:
-    """Fit constant errors and as many changes as the windows prove.
+    """Fit constant errors and as many changes as the windows support.
 
     Args:
-        windows: of the whole recording, in order.
-        alpha: probability at which a change at one given window may be found though there is none.
+        windows: windows of the whole recording, in order.
+        alpha: probability of a false change at any one window.
         kinds: `TURN`, `LAG` or both: what may change.
         first: first window at which a change may begin.
     """
@@ -161,7 +161,7 @@ def fit_course(
 
 
 def as_turns(course: Course) -> Course:
-    """Fit the same changes as if centers and focal lengths were right: turns explain the rest.
+    """Fit the same changes with centers and focal lengths held, so that turns explain the rest.
 
     A constant turn and a constant displacement of a camera look nearly the same.
     """
@@ -194,7 +194,7 @@ def _fitted(
         still = np.flatnonzero(np.arange(constant) % PARAMETERS >= 4)
         weak[still, still] *= HELD
     extra = np.arange(constant, len(weak))
-    # A rate, and a change that no person shows, are zero.
+    # Rates, and changes that no person shows, are zero.
     scale = max(1.0, float(np.abs(time).max()))
     weak[extra, extra] = 1e-2
     clocks = extra[:cameras]
@@ -217,10 +217,10 @@ def _fitted(
 def _noise(
     errors: Float[np.ndarray, "w p"], windows: Sequence[Window]
 ) -> tuple[Float[np.ndarray, "cam 2"], Float[np.ndarray, "cam 2"]]:
-    """Estimate how much more people differ than box noise explains, and the degrees of freedom.
+    """Estimate the excess scatter of people over box noise, and its degrees of freedom.
 
-    Every person is off by a bias of their own, in all of their boxes. A camera whose people tell
-    little of this gets the estimate of all cameras, and 1 if those tell little, too.
+    Every person has a bias of their own, in all of their boxes. A camera whose people say little
+    about it gets the estimate of all cameras, or 1 if those say little, too.
     """
     cameras = errors.shape[1] // PARAMETERS
     squared, expected = np.zeros((2, cameras, len(KINDS)))
@@ -240,11 +240,11 @@ def _noise(
 def _scatter(
     score: Float[np.ndarray, "group k"], information: Float[np.ndarray, "group k k"]
 ) -> tuple[float, float]:
-    """Squared differences of people from their mean, and what box noise alone would bring.
+    """Squared differences of people from their mean, and the value expected from box noise alone.
 
     Args:
         score: gradient of each person's cost by an error of a camera.
-        information: its curvature.
+        information: curvature of this cost.
     """
     total = information.sum(0)
     if not total.trace() > 0 or np.linalg.cond(total) > 1e8:
@@ -257,7 +257,7 @@ def _scatter(
 
 
 def _strongest(course: Course, camera: int, kind: slice, first: int) -> tuple[float, Change | None]:
-    """The most likely further change of one camera, and the chance of its evidence."""
+    """Find the most likely further change of one camera, and its probability by chance."""
     best: tuple[float, Change | None] = (1.0, None)
     if len(course.windows) < FEWEST_WINDOWS:
         return best
@@ -296,14 +296,14 @@ def lost_since(
     usual: float,
     alpha: float,
 ) -> int | None:
-    """The first window from which a camera shows none of the people whom it should, or None.
+    """Find the first window from which a camera shows none of the people that it should, or None.
 
     Args:
         matched: (W,) people matched with a box of the camera.
         expected: (W,) people who should be in its image.
         distinct: (W,) distinct people among them; each counts as one draw.
         usual: share of people matched when all is well.
-        alpha: probability at which nothing may be missed by chance.
+        alpha: probability of a false alarm.
     """
     lost: Bool[np.ndarray, " w"] = matched < LOST * usual * expected
     begin = None

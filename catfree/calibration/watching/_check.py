@@ -30,11 +30,11 @@ from catfree.types._validation import (
     shown_camera,
 )
 
-WINDOW = 60.0  # seconds, the longest
-# Of a person's height on the ground, where nothing changed. Every rig is a little off all the time:
-# a measured one of a room by 0.07, rigs from people and reconstructions by about 0.1.
+WINDOW = 60.0  # seconds, at most
+# Of a person's height on the ground, without a change. Every rig has a small constant error: a
+# measured one of a room 0.07, rigs from people and reconstructions about 0.1.
 DOUBTFUL, MOVED = 0.12, 0.2
-LEAST_MATCHED = 0.25  # share of people; below it, boxes meet people by chance only
+LEAST_MATCHED = 0.25  # share of people; with less, boxes match people only by chance
 
 UNREGISTERED = "The scene does not know where it is. Calibrate again, or leave it out."
 TOO_FEW = (
@@ -66,10 +66,10 @@ class Verdict(StrEnum):
 
     Attributes:
         FITS: it agrees with the others.
-        DOUBTFUL: it disagrees a little all the time, or nothing can be said.
-        MOVED: it looks elsewhere, or its video was swapped with that of another camera.
-        LATE: it shows another time than its frame numbers say.
-        DEAD: it gives no boxes where people are.
+        DOUBTFUL: it has a small constant error, or there is too little evidence.
+        MOVED: it points elsewhere, or its video was swapped with that of another camera.
+        LATE: its frame numbers do not match the time that it shows.
+        DEAD: it has no boxes where people are.
     """
 
     FITS = "fits"
@@ -84,21 +84,21 @@ class CameraCheck:
     """The verdict on one camera.
 
     Attributes:
-        camera: its index.
+        camera: index of the camera.
         verdict: the state at the end of the recording.
-        since: first frame number of that state, or None if it was so from the beginning.
+        since: first frame number of that state, or None if it held from the beginning.
         since_sd: standard deviation of `since` in frame numbers, or None.
-        turn: (3,) rotation vector in the camera's axes from where the scene says (from where it
-            looked before it first moved, if it moved within the recording), in radians.
-        turn_covariance: (3, 3) of it.
+        turn: (3,) rotation vector in the camera's axes in radians, relative to the scene or, if it
+            moved within the recording, to its pose before it first moved.
+        turn_covariance: (3, 3) covariance of `turn`.
         degrees: angle of the turn.
         degrees_sd: its standard deviation.
         pixels: mean distance by which the turn displaces people in the image.
         ground: median distance by which it displaces them on the ground, in scene units.
-        lag: frame numbers by which it shows an earlier instant than they say.
+        lag: frame numbers by which the camera's numbers are ahead of the instant that it shows.
         lag_sd: its standard deviation.
-        matched: share of the people whom other cameras see, and who should be in its image, that
-            one of its boxes shows; NaN if there are none.
+        matched: share of the people seen by other cameras who should be in its image and match one
+            of its boxes; NaN if there are none.
         advice: what was found and what to do, in one or two sentences.
         swapped_with: the camera whose place its boxes fit instead of its own, or None.
     """
@@ -122,7 +122,7 @@ class CameraCheck:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """The acceptance of a rig by the people that it saw.
+    """The verdicts on a rig from the people that it saw.
 
     Attributes:
         cameras: one verdict per camera.
@@ -187,35 +187,34 @@ def check(
     camera_names: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Check:
-    """Check whether the cameras still are where a scene says, from the people they saw.
+    """Check from the people seen whether the cameras still are as in the scene.
 
-    The recording is cut into windows of up to a minute. In each, the people whom at least two
-    cameras see show by how much every camera is turned and late. A camera moved if these errors
-    change by more than chance and the differences between people explain. The thresholds are such
-    that chance accuses a camera to which nothing happened once in 200 hours, and more often in a
-    rig that is off by decimeters.
+    The recording is cut into windows of up to a minute. In each, the people seen by at least two
+    cameras show how far every camera is turned and late. A camera moved if these errors change by
+    more than chance and the differences between people explain. The thresholds allow one false
+    alarm in 200 camera hours; rigs that are off by decimeters have more.
 
     Args:
         scene: cameras and ground.
-        detections: (N,) boxes; with a clock, else 25 instants per second are assumed.
-        since: frame number before which the cameras are known to fit; turns and lags are compared
-            with those before it. None: with the scene.
-        settings: of the localization.
-        maximum_offset: largest lag to look for, in frame numbers.
+        detections: (N,) boxes; without a clock, 25 instants per second are assumed.
+        since: frame number before which the cameras are known to fit; turns and lags are relative
+            to those before it. None: relative to the scene.
+        settings: settings of the localization.
+        maximum_offset: largest lag to search for, in frame numbers.
         localization: the result of `localize` for these detections and this scene, if known.
-        silent: (K, 2) frame and camera of pictures that do not exist, as `localize` takes them;
-            `localization`, where it is given, was made with them.
+        silent: (K, 2) frame and camera of missing pictures, as for `localize`; if `localization` is
+            given, it must have been made with them.
         camera_names: names for advice about other cameras.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        A verdict on each camera with what to do.
+        A verdict on each camera, with advice.
 
     Raises:
-        InvalidInputError: if the arguments do not fit each other, there are no boxes before `since`
-            or none from it on, two cameras have the same boxes, or many boxes of a camera are
-            outside its image. Also if there is not one name per camera, or a box in a picture of
-            `silent`.
+        InvalidInputError: if the arguments do not match, there are no boxes before `since` or none
+            from it on, two cameras have the same boxes, many boxes of a camera are outside its
+            image, the number of names differs from that of cameras, or a picture of `silent` has a
+            box.
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
@@ -254,7 +253,7 @@ def check(
 
 
 class _Found(NamedTuple):
-    """A verdict, what to do about it, and since when."""
+    """A verdict, its advice, and its first frame."""
 
     verdict: Verdict
     advice: str
@@ -264,14 +263,14 @@ class _Found(NamedTuple):
 
 @dataclass(frozen=True)
 class _Judge:
-    """Turns the course of errors into verdicts.
+    """Turn the course of errors into verdicts.
 
     Attributes:
         sights: the recording.
         course: errors over time.
-        turns: the same, of cameras that only turn.
+        turns: the same for cameras that can only turn.
         alpha: probability of a false alarm per window and test.
-        fitted_before: whether the cameras are known to fit in the beginning.
+        fitted_before: whether the cameras are known to fit at the beginning.
     """
 
     sights: Sights
@@ -323,11 +322,11 @@ class _Judge:
         return replace(result, advice=_measured(result, unit) + result.advice)
 
     def _counts(self, camera: int) -> Int[np.ndarray, "4 window"]:
-        """People matched, expected and distinct, and boxes, of a camera in each window."""
+        """Count people matched, expected and distinct, and boxes, of a camera in each window."""
         return np.array([window.counts[:, camera] for window in self.course.windows]).T
 
     def _without_people(self, camera: int) -> _Found | None:
-        """The verdict on a camera that shows nobody, or nobody for sure; None for others."""
+        """Judge a camera that shows nobody, or nobody with certainty; None for others."""
         matched, expected, distinct, boxes = self._counts(camera)
         if not self.sights.scene.rig.registered[camera]:
             return _Found(Verdict.DOUBTFUL, UNREGISTERED)
@@ -350,13 +349,13 @@ class _Judge:
     def _from_errors(
         self, turns: list[int], jumps: list[int], off: float, *, is_late: bool
     ) -> _Found:
-        """The verdict on a camera whose errors are known, as of the end of the recording.
+        """Judge a camera with known errors, as of the end of the recording.
 
         Args:
             turns: changes of its turn.
             jumps: changes of its lag.
-            off: displacement of people on the ground in their heights, 0 if it may be chance.
-            is_late: whether its lag matters and is not chance.
+            off: displacement of people on the ground in person heights, 0 if it may be chance.
+            is_late: whether its lag is significant and matters.
         """
         for changes, verdict, advice in (
             (turns, Verdict.MOVED, MOVED_SINCE),
@@ -413,7 +412,7 @@ def _angle(
 
 
 def _measured(one: CameraCheck, unit: str) -> str:
-    """The numbers behind a verdict, as a sentence."""
+    """Describe the numbers behind a verdict in a sentence."""
     when = "" if one.since is None else f" since frame {one.since}"
     if one.since_sd is not None:
         when += f" (sd {one.since_sd:.0f})"

@@ -1,4 +1,4 @@
-"""`estimate_clocks`: offset, rate and jumps of every camera's clock, from people who walk."""
+"""`estimate_clocks`: offset, rate and jumps of every camera's clock, from walking people."""
 
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -14,21 +14,21 @@ from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._sampling import frame_step
 
-WINDOW = 10.0  # seconds, the longest; a clock drifts within
-# Of a frame: whole frames hardly correct less.
+WINDOW = 10.0  # seconds, at most, because clocks drift within a window
+# Of a frame; whole frames hardly correct smaller lags.
 WHOLE_FRAME = 0.75
-SURE = 4.0  # standard deviations by which an offset differs from 0
+SURE = 4.0  # standard deviations from 0 for an offset to count as certain
 
 
 class ClockJump(NamedTuple):
     """A step of one clock, as after dropped frames.
 
     Attributes:
-        camera: whose.
-        frame: first frame number after it.
+        camera: index of the camera.
+        frame: first frame number after the jump.
         frame_sd: its standard deviation.
-        frames: by how many frame numbers the clock fell behind.
-        frames_sd: their standard deviation.
+        frames: number of frame numbers by which the clock fell behind.
+        frames_sd: its standard deviation.
     """
 
     camera: int
@@ -48,12 +48,12 @@ class Clocks:
         offset: (C,) frame numbers by which each camera's numbers are too high at `frame`, before
             any jump; NaN for cameras that are not registered, as in the following.
         offset_sd: (C,) standard deviations.
-        rate: (C,) by how much `offset` grows per frame number.
+        rate: (C,) growth of `offset` per frame number.
         rate_sd: (C,) standard deviations.
         jumps: steps of single clocks.
         frame: middle of the recording.
-        reference: the camera that is right by definition, before any jump of its own: its lags are
-            nearest to those of all others over the recording.
+        reference: the camera that is correct by definition, before any jump of its own: the one
+            whose lags are nearest to those of all others over the recording.
     """
 
     offset: Float[np.ndarray, " cam"]
@@ -65,7 +65,7 @@ class Clocks:
     reference: int
 
     def lag(self, frame: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n cam"]:
-        """(n, C) frame numbers by which each camera's numbers are too high at frame numbers."""
+        """(n, C) frame numbers by which each camera's numbers are too high, at given ones."""
         at = np.asarray(frame, np.float64)[:, None]
         lag = self.offset + self.rate * (at - self.frame)
         for jump in self.jumps:
@@ -75,14 +75,14 @@ class Clocks:
     def whole_offsets(
         self, step: int, least: Float[np.ndarray, "#cam"] | float
     ) -> Int[np.ndarray, " cam"]:
-        """Round the lags in the middle of the recording that are surely not 0 to whole frames.
+        """Round the lags in the middle of the recording that are certainly not 0 to whole frames.
 
         Args:
             step: frame numbers from one frame to the next.
             least: smallest lag in steps, more than half a step; for each camera or for all.
 
         Returns:
-            (C,) frame numbers to subtract, as `remove_offsets` does; 0 where a lag is not sure.
+            (C,) frame numbers to subtract, as `remove_offsets` does; 0 where a lag is uncertain.
         """
         middle = round(self.frame)
         lag = np.nan_to_num(self.lag(np.array([middle]))[0])
@@ -93,10 +93,10 @@ class Clocks:
         return step * np.rint(np.where(sure, lag, 0.0) / step).astype(np.int64)
 
     def correct(self, detections: Detections) -> Detections:
-        """Number the frames of all cameras like the reference, to the nearest frame.
+        """Renumber the frames of all cameras to match the reference, to the nearest frame.
 
-        Frame numbers are moved in steps between neighboring frames. Where a clock runs slow, two
-        instants may get one number; the boxes of the later one are left out.
+        Frame numbers move by whole steps between neighboring frames. Where a clock runs slow, two
+        instants may get the same number; the boxes of the later one are then left out.
 
         Args:
             detections: (N,) boxes on the clocks that were estimated.
@@ -129,17 +129,17 @@ def estimate_clocks(
     silent: Any = None,
     progress: Progress | None = None,
 ) -> Clocks:
-    """Estimate how late each camera is, whether its clock runs wrong, and when frames were lost.
+    """Estimate each camera's lag, clock rate error, and jumps after lost frames.
 
-    A late camera shows people where they were: their boxes lie behind them, in proportion to their
+    A late camera shows people where they were: their boxes lag behind them, in proportion to their
     speed. Small turns of all cameras are estimated at the same time, so that errors of the scene do
     not count as lags.
 
     Args:
         scene: cameras and ground.
-        detections: (N,) boxes of people who walk.
-        settings: of the localization.
-        maximum_offset: largest lag to look for, in frame numbers.
+        detections: (N,) boxes of walking people.
+        settings: settings of the localization.
+        maximum_offset: largest lag to search for, in frame numbers.
         localization: the result of `localize` for these detections and this scene, if known.
         silent: as for `check`.
         progress: called as `progress(stage, done, total)`.
@@ -148,7 +148,7 @@ def estimate_clocks(
         Offsets, rates and jumps with standard deviations.
 
     Raises:
-        InvalidInputError: if the arguments do not fit each other.
+        InvalidInputError: if the arguments do not match.
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """

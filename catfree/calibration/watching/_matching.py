@@ -1,4 +1,4 @@
-"""Match the boxes of one camera with the people that the others saw, also if it turned or lags."""
+"""Matching of one camera's boxes with the people seen by others, even if it turned or lags."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -20,14 +20,14 @@ from catfree.calibration.watching._sights import (
 )
 from catfree.types._sampling import equal_pairs, mutually_lowest
 
-SPREAD = 0.12  # of a box height; deviation of a box from a person that it may show
+SPREAD = 0.12  # of a box height; standard deviation of a box from its person
 GATE = 3.0  # deviations; the largest distance of a match
-ALIKE = 0.35  # natural log; the largest ratio of the heights of a box and of a person in a vote
+ALIKE = 0.35  # natural log; the largest ratio of box and person heights in a vote
 CELL = np.deg2rad(1.0)  # side of a cell of the vote
-REACH = 15  # cells; the largest turn that is looked for
-TRIED = 4  # peaks of a vote that are tried
-BETTER = 1.25  # times as many matches as at present are needed to believe a peak
-FEWEST = 6  # more matches than at present are needed to believe a peak
+REACH = 15  # cells; the largest turn searched for
+TRIED = 4  # peaks of a vote to try
+BETTER = 1.25  # factor on the present number of matches needed to accept a peak
+FEWEST = 6  # additional matches needed to accept a peak
 
 
 class BoxMatches(NamedTuple):
@@ -37,7 +37,7 @@ class BoxMatches(NamedTuple):
         person: (k,) index of the person.
         box: (k,) index of the box.
         angle: (k, 3) predicted angles.
-        score: number of matches, each less the closer it is to the gate.
+        score: number of matches, each weighted less the closer it is to the gate.
         expected: (e,) people who should be in an image of the recording.
     """
 
@@ -51,7 +51,7 @@ class BoxMatches(NamedTuple):
 def corrected_place(
     sights: Sights, camera: Int[np.ndarray, " n"], error: Float[np.ndarray, "n 8"]
 ) -> Float[np.ndarray, "n 3 4"]:
-    """The maps to the axes of cameras with errors; depth is scaled for their focal lengths."""
+    """Maps to the axes of cameras with errors; depth is scaled for their focal lengths."""
     place = sights.place[camera]
     place[..., 3:] -= place[..., :3] @ (sights.unit * error[:, CENTER, None])
     place = Rotation.from_rotvec(error[:, TURN]).as_matrix() @ place
@@ -66,17 +66,17 @@ def match_boxes(
     camera: Int[np.ndarray, " n"],
     error: Float[np.ndarray, "n 8"],
 ) -> list[BoxMatches]:
-    """Match people with the boxes of cameras: each is the nearest of the other.
+    """Match people with the boxes of cameras as mutual nearest neighbors.
 
     Args:
         sights: the recording.
         person: indices of the people to match.
         state: their states.
         camera: (n,) indices of cameras.
-        error: (n, 8) the error that each of them is assumed to have.
+        error: (n, 8) assumed error of each camera.
 
     Returns:
-        The matches of each camera and error.
+        The matches for each camera and error.
     """
     frame, velocity = sights.people.frame[person], sights.people.velocity[person]
     shift = whole_steps(error)
@@ -106,7 +106,7 @@ def _nearest(
     shown: Int[np.ndarray, " e"],
     angle: Float[np.ndarray, "e 3"],
 ) -> BoxMatches:
-    """Match people, whom a camera should show in some steps at some angles, with its boxes."""
+    """Match people, expected in some steps at some angles, with a camera's boxes."""
     mine = boxes.of_camera(camera)
     a, b = equal_pairs(shown, boxes.frame[mine])
     b = b + mine.start
@@ -121,15 +121,15 @@ def _nearest(
 def candidates(
     sights: Sights, camera: int, person: Int[np.ndarray, " m"], shifts: Int[np.ndarray, " s"]
 ) -> Float[np.ndarray, "k 8"]:
-    """Errors, turns and lags, at which far more boxes of a camera meet people than by chance.
+    """Find errors (turns and lags) at which far more boxes match people than by chance.
 
-    Pairs of a person and a box of like size vote for the angles between them. Boxes at other times
-    tell how many votes chance brings.
+    Pairs of a person and a box of similar size vote for the angles between them. Boxes at other
+    times show how many votes are due to chance.
 
     Args:
         sights: the recording.
-        camera: its index.
-        person: indices of people whom at least two other cameras see.
+        camera: index of the camera.
+        person: indices of people seen by at least two other cameras.
         shifts: lags to try, in steps.
     """
     boxes, people = sights.boxes, sights.people
@@ -141,7 +141,7 @@ def candidates(
     size = angle[:, 2] - angle[:, 1]
     observed = boxes.angle[mine, 0], boxes.angle[mine, 1:].mean(-1)
     good: np.ndarray = np.asarray(boxes.whole[mine].all(-1))
-    # Logarithms of both sizes; NaN is not alike.
+    # Logarithms of both sizes; NaN never matches.
     tall, high = (
         np.log(x, where=x > 0, out=np.full(len(x), np.nan)) for x in (boxes.size[mine], size)
     )
@@ -155,7 +155,7 @@ def candidates(
         near = (i >= 0) & (i < side) & (j >= 0) & (j < side)
         votes.append(np.bincount((i * side + j)[near], minlength=side**2))
     stack = correlate(np.array(votes).reshape(-1, side, side), np.ones((1, 3, 3)), mode="constant")
-    # What standing people and chance bring is the same at most lags.
+    # Votes of standing people and of chance are the same at most lags.
     excess = stack - np.median(stack, axis=0)[None] * (len(shifts) > 4)
     errors = []
     for _ in range(TRIED):
@@ -164,7 +164,7 @@ def candidates(
             break
         top = np.unravel_index(peak, excess.shape)
         azimuth, elevation = ((int(top[i]) - REACH) * CELL for i in (1, 2))
-        # A camera that turns to the right by an angle sees everybody that much farther left.
+        # A camera turned to the right by an angle sees everybody that much farther left.
         errors.append([-elevation, azimuth, 0.0, float(shifts[top[0]]), 0.0, 0.0, 0.0, 0.0])
         near = tuple(slice(max(0, int(i) - 2), int(i) + 3) for i in top[1:])
         excess[(slice(max(0, int(top[0]) - 1), int(top[0]) + 2), *near)] = 0
@@ -178,14 +178,14 @@ def best(
     present: Float[np.ndarray, "8"],
     tried: Float[np.ndarray, "k 8"],
 ) -> Float[np.ndarray, "8"]:
-    """The error of a camera with most matches; the present one unless another is clearly better."""
+    """The error with the most matches; the present one unless another is clearly better."""
     frame = sights.boxes.frame[sights.boxes.of_camera(camera)]
     errors = np.vstack([present, tried])
     cameras = np.full(len(errors), camera)
     matches = match_boxes(sights, person, sights.people.state[person], cameras, errors)
 
     def share(one: BoxMatches, shift: Int[np.ndarray, "1"]) -> float:
-        """Score per person who should be in an image, while the camera was recording."""
+        """Score per person expected in an image while the camera was recording."""
         shown = sights.people.frame[one.expected] + shift
         return one.score / max(np.count_nonzero((shown >= frame[0]) & (shown <= frame[-1])), 1)
 

@@ -1,12 +1,12 @@
-"""What all cameras saw: boxes as angles in their cameras, and people as states on the ground.
+"""Sightings of all cameras: boxes as angles in camera axes, people as states on the ground.
 
-An angle is an azimuth or an elevation in the axes of a camera: a turn of a camera moves all of its
-boxes by nearly the same angles, whatever its lens.
+An angle is an azimuth or an elevation in camera axes: a turn of a camera moves all of its boxes by
+nearly the same angles, whatever its lens.
 
 The error of a camera is an array of 8 numbers: its turn, a rotation vector in its axes in radians;
-its lag, the steps by which it shows an earlier instant than its frame numbers say; the displacement
-of its center along the ground's axes and upward, in person heights; and its zoom, the natural log
-by which its focal length is longer.
+its lag, the steps by which its frame numbers are ahead of the instant that it shows; the
+displacement of its center along the ground's axes and upward, in person heights; and its zoom, the
+natural logarithm of the growth of its focal length.
 """
 
 from dataclasses import dataclass, replace
@@ -28,9 +28,9 @@ from catfree.types._sampling import frame_step
 
 PARAMETERS = 8  # of the error of a camera
 TURN, LAG, CENTER, ZOOM = slice(0, 3), slice(3, 4), slice(4, 7), slice(7, 8)
-LAGS = slice(3, None, PARAMETERS)  # of all cameras, whose errors follow each other
-FLOOR = 0.001  # radians; noise of an edge besides its share of the box height
-HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
+LAGS = slice(3, None, PARAMETERS)  # of all cameras, whose errors are concatenated
+FLOOR = 0.001  # radians; edge noise in addition to a share of the box height
+HEIGHTS = (0.7, 1.3)  # of the median height; bounds of a person's height
 BLOCK = 512  # sightings computed together
 
 
@@ -46,7 +46,7 @@ class SightedBoxes:
         deviation: (N, 3) standard deviations of `angle`.
         size: (N,) the angular height.
         height: (N,) the height in pixels.
-        whole: (N, 3) whether an edge is free of the image border.
+        whole: (N, 3) whether an edge is not cut by the image border.
     """
 
     frame: Int[np.ndarray, " n"]
@@ -71,7 +71,7 @@ class SightedPeople:
         track: (M,) identity.
         state: (M, 3) ground position and height in scene units.
         velocity: (M, 2) scene units per step; zero where unknown.
-        seen: (M, C) whether a box of a camera shows the person.
+        seen: (M, C) whether a box of each camera shows the person.
     """
 
     frame: Int[np.ndarray, " m"]
@@ -81,29 +81,29 @@ class SightedPeople:
     seen: Bool[np.ndarray, "m cam"]
 
     def between(self, begin: int, stop: int) -> Int[np.ndarray, " k"]:
-        """(k,) the people from step `begin` to before `stop`."""
+        """(k,) the people from step `begin` up to, but not including, `stop`."""
         return np.arange(*np.searchsorted(self.frame, [begin, stop]))
 
     def seen_by_others(self, camera: int, person: Int[np.ndarray, " k"]) -> Int[np.ndarray, " n"]:
-        """(n,) those of the people whom two or more other cameras see."""
+        """(n,) those of the people seen by two or more other cameras."""
         seen = self.seen[person]
         return person[seen.sum(-1) - seen[:, camera] >= 2]
 
 
 @dataclass(frozen=True)
 class Sights:
-    """A recording as the cameras of a scene saw it.
+    """A recording as seen by the cameras of a scene.
 
     Attributes:
         scene: cameras and ground.
         place: (C, 3, 4) map from homogeneous ground coordinates and height to camera axes.
-        boxes: of registered cameras.
-        people: of all tracks.
+        boxes: boxes of registered cameras.
+        people: people of all tracks.
         unit: median height of people in scene units.
         first: frame number of step 0.
         step: frame numbers per step.
         steps: length of the recording in steps.
-        detections: the confident boxes as they were given.
+        detections: the confident boxes as given.
         settings: as given.
     """
 
@@ -145,8 +145,8 @@ def sights(
     Args:
         scene: cameras and ground.
         detections: (N,) boxes.
-        localization: of these boxes in this scene.
-        settings: which boxes are confident, when the border cuts them, and their noise.
+        localization: localization of these boxes in this scene.
+        settings: for the confidence threshold, the image border and box noise.
 
     Raises:
         InsufficientDataError: if there are no confident boxes of registered cameras.
@@ -170,7 +170,7 @@ def sights(
 
 
 def with_cameras(sights: Sights, camera: Int[np.ndarray, " n"]) -> Sights:
-    """Assign each box to the camera given for it; the people stay as they are."""
+    """Assign each box to the given camera, leaving the people unchanged."""
     detections = replace(sights.detections, camera=camera)
     boxes = _boxes(sights.scene, detections, sights.settings.evidence, sights.first, sights.step)
     return replace(sights, boxes=boxes, detections=detections)
@@ -213,7 +213,7 @@ def _boxes(
 def _people(
     scene: Scene, detections: Detections, localization: Localization, first: int, step: int
 ) -> tuple[SightedPeople, float]:
-    """Tracks with the height that their boxes imply."""
+    """Make people of tracks, with the height that their boxes imply."""
     tracks = localization.tracks
     row, _, height = heights_by_boxes(detections, localization, scene)
     row, height = row[height > 0], height[height > 0]
@@ -239,7 +239,7 @@ def predict_angles(
     """Predict the angles of a person's box in a camera.
 
     Args:
-        error: (8,) of the camera, its turn exact to first order, its displacement in scene units.
+        error: (8,) error of the camera, its turn to first order, its displacement in scene units.
         state: (3,) ground position and height.
         velocity: (2,) per step.
         place: (3, 4) map to the camera's axes.
@@ -251,7 +251,7 @@ def predict_angles(
     one, zero = jnp.ones((), state.dtype), jnp.zeros((), state.dtype)
     moved = place[:, 3] - place[:, :3] @ error[CENTER]
     place = jnp.concatenate([place[:, :3], moved[:, None]], 1)
-    # The axes are orthogonal, but not all of length 1 (see `corrected_place`).
+    # The axes are orthogonal, but not all of unit length (see `corrected_place`).
     length = jnp.maximum((place[:, :3] ** 2).sum(1), 1e-12)
     station = -place[:, :2].T @ (place[:, 3] / length)
     foot_x, foot_y = visible_foot(jnp.stack([x, y]), station, FOOT_AHEAD * height)

@@ -1,4 +1,4 @@
-"""Find cameras whose boxes fit the place of another camera: their videos or names were swapped."""
+"""Detection of swapped cameras, whose boxes fit the place of another camera."""
 
 import numpy as np
 from jaxtyping import Float
@@ -7,23 +7,23 @@ from scipy.optimize import linear_sum_assignment
 from catfree.calibration.watching._matching import match_boxes
 from catfree.calibration.watching._sights import PARAMETERS, Sights, with_cameras
 
-SHARE = 0.5  # of what the best camera matches: the wrong place reaches less, the right one more
-FEWEST_EXPECTED = 20  # people in all frames, whom a camera should show to be judged
+SHARE = 0.5  # of the best camera's share of matches; a wrong place has less, the right one more
+FEWEST_EXPECTED = 20  # least number of expected people, over all frames, to judge a camera
 
 
 def swapped_cameras(sights: Sights, matched: Float[np.ndarray, " cam"]) -> dict[int, int]:
-    """Find the camera in whose place the boxes of a camera meet most people.
+    """Find, for each suspect camera, the camera in whose place its boxes match most people.
 
-    The boxes of each suspect are compared with the people whom two other cameras see, once in the
-    place and through the lens of every other suspect.
+    The boxes of each suspect are compared with the people seen by two other cameras, in the place
+    and through the lens of every other suspect.
 
     Args:
         sights: the recording.
-        matched: (C,) share of the people whom the boxes of each camera meet in its own place, NaN
-            if it should show nobody; those that meet few are suspects.
+        matched: (C,) share of people that each camera's boxes match in its own place, NaN if it
+            should show nobody; cameras that match few are suspects.
 
     Returns:
-        Suspects that were found, each with the camera whose place its boxes fit.
+        The swapped suspects, each with the camera whose place its boxes fit.
     """
     least = SHARE * float(np.nan_to_num(matched).max(initial=0.0))
     suspects, trusted = np.flatnonzero(matched < least), np.flatnonzero(matched >= least)

@@ -1,4 +1,4 @@
-"""When exactly errors changed: the frames that divide the boxes best."""
+"""The exact time of a change of errors: the frame that divides the boxes best."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -7,18 +7,18 @@ from catfree.calibration.watching._changes import Course
 from catfree.calibration.watching._matching import GATE, match_boxes
 from catfree.calibration.watching._sights import PARAMETERS, Sights
 
-ELBOW = 4.0  # fall of twice the log likelihood within two standard deviations
+ELBOW = 4.0  # drop of twice the log likelihood within two standard deviations
 
 
 def time_of_change(sights: Sights, course: Course, index: int) -> tuple[int, float]:
-    """Frame number at which a change began, and its standard deviation.
+    """Find the frame number at which a change began, and its standard deviation.
 
-    The boxes of single frames fit the errors before or those after the change.
+    The boxes of each frame fit either the errors before or those after the change.
 
     Args:
         sights: the recording.
-        course: its errors.
-        index: of the change.
+        course: errors over time.
+        index: index of the change.
     """
     change, windows = course.changes[index], course.windows
     first = max(change.window - 2, 0)
@@ -41,7 +41,7 @@ def time_of_change(sights: Sights, course: Course, index: int) -> tuple[int, flo
 def costs_of_people(
     sights: Sights, camera: int, person: Int[np.ndarray, " m"], errors: Float[np.ndarray, " p"]
 ) -> Float[np.ndarray, " m"]:
-    """Squared distance of each person from the nearest box, in deviations."""
+    """Squared distance of each person from the nearest box, in standard deviations."""
     boxes = sights.boxes
     error = errors.reshape(-1, PARAMETERS)[[camera]]
     (matches,) = match_boxes(sights, person, sights.people.state[person], np.array([camera]), error)

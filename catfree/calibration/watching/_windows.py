@@ -1,4 +1,4 @@
-"""A recording in windows: what all of them say about the cameras' errors."""
+"""A recording in windows, and the cameras' errors that follow from all of them."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -19,16 +19,16 @@ from catfree.types._processes import require_own_process
 from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, require_instance
 
-HOURS_PER_ALARM = 200.0  # of one camera to which nothing happened
-TESTS = 3  # of a camera in a window: turn, lag, loss
-WINDOWS = 12  # that a short recording is cut into
-SHORTEST = 2.0  # seconds of a window
-UNKNOWN_RATE = 25.0  # steps per second where no clock tells
-FEWEST_STEPS = 4  # of a window
+HOURS_PER_ALARM = 200.0  # camera hours per false alarm
+TESTS = 3  # per camera and window: turn, lag, loss
+WINDOWS = 12  # windows of a short recording
+SHORTEST = 2.0  # seconds per window
+UNKNOWN_RATE = 25.0  # steps per second, assumed without a clock
+FEWEST_STEPS = 4  # per window
 
 
 class Watched(NamedTuple):
-    """What a recording says about the errors of its cameras.
+    """The errors of a recording's cameras.
 
     Attributes:
         sights: the recording.
@@ -56,23 +56,23 @@ def watch(
     since: int | None = None,
     progress: Progress | None = None,
 ) -> Watched:
-    """Localize the people, and follow by how far each camera disagrees.
+    """Localize the people, and follow how far each camera disagrees with the others.
 
-    Clocks may run at different rates. With the errors of the whole recording, more boxes meet
-    people than with those of one window. A window in which an error changed fits neither what was
-    before nor what came after: it is divided where the boxes say. In another one, few people who
-    walk straight fit several turns and lags, and its own may be wrong. So everything is matched and
-    fitted again.
+    Clocks may run at different rates, and with the errors of the whole recording, more boxes match
+    people than with those of a single window. A window in which an error changed fits neither the
+    errors before nor those after, so it is divided where the boxes indicate. In other windows, a
+    few people who walk straight may fit several turns and lags, and the window's own estimate may
+    be wrong. Everything is therefore matched and fitted again.
 
     Args:
         scene: cameras and ground.
         detections: (N,) boxes.
-        settings: of the localization; the default method if None.
-        longest: length of a window in seconds, of a long recording.
-        maximum_offset: largest lag to look for, in frame numbers.
-        kinds: what may change.
-        localization: of these detections in this scene, if it is known.
-        silent: frame and camera of pictures that do not exist, as `localize` takes them.
+        settings: settings of the localization; None for the default method.
+        longest: length in seconds of the windows of a long recording.
+        maximum_offset: largest lag to search for, in frame numbers.
+        kinds: kinds of errors that may change.
+        localization: localization of these detections in this scene, if known.
+        silent: frame and camera of missing pictures, as for `localize`.
         since: frame number at which a window begins, and before which nothing changes.
         progress: called as `progress(stage, done, total)`.
 
@@ -120,7 +120,7 @@ def watch(
 
 
 def _matched_again(recording: Sights, course: Course, report: Progress) -> list[Window]:
-    """Match everybody with the errors of a course; divide windows within which one changed."""
+    """Match everybody with the errors of a course, dividing windows in which an error changed."""
     windows = []
     frames = [time_of_change(recording, course, i)[0] for i in range(len(course.changes))]
     cuts = sorted({-(-(frame - recording.first) // recording.step) for frame in frames})
@@ -139,7 +139,7 @@ def _start(
 ) -> Float[np.ndarray, "cam 8"]:
     """Errors that a course predicts for a window or a part of it.
 
-    The boxes tell which of the errors that a camera has over time is that of the window.
+    The boxes decide which of a camera's errors over time applies to the window.
     """
     start = course.at(index)[0].reshape(-1, PARAMETERS)
     person = recording.people.between(begin, stop)
@@ -160,7 +160,7 @@ def _begins(recording: Sights, steps: int, cut: int) -> list[tuple[int, int]]:
     for low, high in ((0, cut), (cut, recording.steps)):
         inside = occupied[(occupied >= low) & (occupied < high)]
         length, count = high - low, max(1, (high - low) // steps)
-        # The windows of the boxes alone, in whole numbers: a recording may have a long gap.
+        # Only windows with boxes, in integers, because a recording may have a long gap.
         at = sorted({((frame - low + 1) * count - 1) // length for frame in inside.tolist()})
         result += [(low + k * length // count, low + (k + 1) * length // count) for k in at]
     return result

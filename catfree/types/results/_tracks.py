@@ -311,8 +311,8 @@ class Tracks(eqx.Module):
             camera: index of the camera.
             detections: those that the tracks were made from.
 
-        Returns: A dictionary from frame number to boxes, for each frame of the detections or
-            tracks.
+        Returns:
+            A dictionary from frame number to boxes, for each frame of the detections or tracks.
 
         Raises:
             MissingDependencyError: if supervision is not installed.
@@ -382,7 +382,8 @@ def supporting_boxes(
         tracks: tracks with known `support`.
         detections: those that the tracks were made from.
 
-    Returns: For each box, the row of the track that it supports, its camera, and its row in the
+    Returns:
+        For each box, the row of the track that it supports, its camera, and its row in the
         detections, sorted by the first two.
 
     Raises:

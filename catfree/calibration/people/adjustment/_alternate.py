@@ -1,4 +1,4 @@
-"""Alternate grouping and bundle adjustment as the maps of the cameras become more accurate."""
+"""Alternation of grouping and bundle adjustment as the cameras' maps become more accurate."""
 
 from dataclasses import replace
 
@@ -18,8 +18,8 @@ from catfree.calibration.people.matching._group_people import People, RigState, 
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
-MOST_PEOPLE = 2500  # in an adjustment, spread evenly over the frames
-MOST_STEPS = 10  # of an adjustment
+MOST_PEOPLE = 2500  # per adjustment, evenly spread over the frames
+MOST_STEPS = 10  # per adjustment
 
 
 def measure_people(

@@ -1,7 +1,7 @@
 """Bundle adjustment of cameras and people from boxes.
 
-The unknowns are all cameras, their radial distortion where it is free, and the position and height
-of every person in every frame. With one robust weight per box edge, a truncated box loses only its
+The unknowns are all cameras, their radial distortion where free, and the position and height of
+every person in every frame. With one robust weight per box edge, a truncated box loses only its
 wrong edge. The prior on person heights fixes the scale, the ground is z = 0, and the heading and
 position of one camera fix the rest of the gauge.
 """
@@ -42,10 +42,10 @@ from catfree.geometry._person import box_edges
 from catfree.geometry.camera import distort
 from catfree.settings import CalibrationSettings
 
-GAUGE_SD = 1e-5  # meters and radians; of the camera that fixes the gauge, and of fixed lenses
-STEEPEST_TILT = 1.5  # radians; at a right angle, heading and roll are the same
-CAMERA_HEIGHTS = (0.3, 80.0)  # meters; of a camera while it is adjusted
-# Most adjustments are of one pair of cameras, or of as many people as the search uses at most.
+GAUGE_SD = 1e-5  # meters and radians; for the camera that fixes the gauge, and for fixed lenses
+STEEPEST_TILT = 1.5  # radians; at a right angle, heading and roll coincide
+CAMERA_HEIGHTS = (0.3, 80.0)  # meters; bounds during adjustment
+# Most adjustments have one pair of cameras, or the largest number of people that the search uses.
 PEOPLE_BLOCK = 1250  # people are padded to this number times a power of 2
 CAMERA_BLOCK = 2  # cameras are padded to a multiple of this number
 
@@ -72,7 +72,7 @@ class RigPrior:
     """Gaussian prior on the cameras, which also fixes the gauge.
 
     Attributes:
-        parameters: (C, 7) its mean.
+        parameters: (C, 7) mean.
         precision: (C, 7) inverse variances; 0 is uninformative.
     """
 
@@ -93,9 +93,9 @@ class BundleResult:
         sightings: (C,) number of boxes used per camera.
         covariance: (7C+1, 7C+1) of cameras and foot offset; zero for cameras without boxes. Boxes
             seem to determine the offset to centimeters, but lens, occlusion and slack bias it by
-            more, so it is held and keeps its prior uncertainty.
+            more, so it is held fixed with its prior uncertainty.
         k1: (C,) radial distortion of each camera.
-        k1_sd: (C,) its standard deviation, 0 where it is held.
+        k1_sd: (C,) its standard deviation, 0 where held fixed.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
@@ -119,8 +119,8 @@ class BundleResult:
 
         Args:
             repeats: boxes of the same person in a camera. Their errors are neither independent nor
-                all the same: the part of the covariance that comes from box noise grows by the
-                geometric mean of both cases, 1 and `repeats`; that of the foot offset does not.
+                identical: the part of the covariance due to box noise grows by the geometric mean
+                of both cases, 1 and `repeats`; that of the foot offset does not.
         """
         by_offset = self.covariance[:, -1] / max(np.sqrt(self.covariance[-1, -1]), 1e-12)
         fixed = np.outer(by_offset, by_offset)
@@ -130,13 +130,13 @@ class BundleResult:
 
 
 class _Boxes(NamedTuple):
-    """What the residuals are computed from.
+    """Inputs of the residuals.
 
     Attributes:
         box: (C, P, 3) measured edges.
         precision: (C, P, 3) inverse standard deviations, 0 where there is no box.
         used: (C,) whether the camera has boxes.
-        mean: (C, 8) of the prior on the cameras and their k1.
+        mean: (C, 8) mean of the prior on the cameras and their k1.
         camera_precision: (C, 8) inverse standard deviations of that prior.
         focal_precision: () inverse standard deviation of log focal lengths from their mean.
         height: () mean of the prior on heights in meters.
@@ -162,8 +162,9 @@ def camera_prior(
 
     Args:
         cameras: (C, 7) cameras, or (C, 8) with their k1.
-        mean: as `cameras`, of the prior; angles are compared modulo a whole turn.
-        precision: as `cameras`, inverse standard deviations; all 0 for an absent camera.
+        mean: mean of the prior, in the shape of `cameras`; angles are compared modulo a full turn.
+        precision: inverse standard deviations, in the shape of `cameras`; all 0 for an absent
+            camera.
     """
     away = cameras - mean
     turned = (away[:, ROLL : PAN + 1] + jnp.pi) % (2 * jnp.pi) - jnp.pi
@@ -194,7 +195,7 @@ def _problem(
 def _box_residuals(
     unknowns: Unknowns, foot_offset: Float[Array, ""], boxes: _Boxes
 ) -> Float[Array, "cam person 3"]:
-    """Standardized residuals of the boxes, 0 where there is none."""
+    """Standardized residuals of the boxes, 0 where there is no box."""
 
     def edges(camera: Float[Array, "8"], person: Float[Array, "3"]) -> Float[Array, "3"]:
         pose, focal = camera[:K1], jnp.exp(camera[LOG_FOCAL])
@@ -210,7 +211,7 @@ def _box_residuals(
 def _solve(
     start: Unknowns, foot_offset: Array, foot_offset_sd: Array, boxes: _Boxes, most_steps: Array
 ) -> tuple[Unknowns, Array, Array, Array]:
-    """The adjusted unknowns, their cost, the covariance of cameras and foot offset, residuals."""
+    """Solve; return unknowns, cost, covariance of cameras and foot offset, and residuals."""
     args = foot_offset[None], boxes
     solver = SchurLevenbergMarquardt(most_steps=most_steps)
     solution = minimize(_problem, start, args, solver)
@@ -239,10 +240,10 @@ def adjust_people_bundle(
         people: (P, 3) initial ground positions and heights in meters; from single views if None.
         known: prior on the cameras, such as `weak_prior`.
         settings: constants.
-        focal_spread: standard deviation of log focal lengths from their mean; infinity if they
-            have nothing in common.
+        focal_spread: standard deviation of log focal lengths from their mean; infinity if they are
+            unrelated.
         iterations: maximum number of steps.
-        k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
+        k1: (C,) initial radial distortion of each camera, also adjusted; None for ideal lenses.
     """
     data = replace(measurements, sd=np.nan_to_num(measurements.sd, nan=np.inf, posinf=np.inf))
     if people is None:
@@ -330,7 +331,7 @@ def weak_prior(
     log_focal: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
 ) -> RigPrior:
-    """Prior on focal lengths and rolls; heading and position of the camera with most boxes fixed.
+    """Prior on focal lengths and rolls that fixes the camera with most boxes on the ground.
 
     Args:
         camera: (n,) camera of each box.

@@ -1,4 +1,4 @@
-"""Refine placements of one camera against people with known positions.
+"""Refinement of placements of one camera against people with known positions.
 
 A placement from voting has the errors of a single view (a degree, a tenth of the range), which make
 correct placements look wrong. Every candidate is therefore refined before it is judged.
@@ -33,15 +33,15 @@ from catfree.settings import CalibrationSettings
 from catfree.types._annotations import HostOrDevice
 
 TOLERANCES = (0.10, 0.06, 0.03)  # fraction of the range, decreasing as the camera converges
-MOST_STEPS = 8  # of a fit
-HEIGHTS = (0.5, 60.0)  # meters; a camera that leaves them diverges, as a mirrored one does
-FEWEST_MATCHES = 6  # of a camera: fewer do not determine it
+MOST_STEPS = 8  # per fit
+HEIGHTS = (0.5, 60.0)  # meters; a camera beyond these bounds diverges, as a mirrored one does
+FEWEST_MATCHES = 6  # per camera; fewer do not determine it
 MATCHES_BLOCK = 1024  # matches are padded to this number, or to a power of four times it
-FITS_BLOCK = 4  # fits are padded in the same way
+FITS_BLOCK = 4  # fits are padded likewise
 
 
 class MatchedPeople(NamedTuple):
-    """Boxes of one camera and the people of a map whom they show.
+    """Boxes of one camera and the people of a map that they show.
 
     Attributes:
         box: (n, 3) box center, top row, bottom row in pixels from the image center.
@@ -64,17 +64,17 @@ def resect(
     *,
     log_focal: float,
 ) -> dict[int, Float[np.ndarray, "7"]]:
-    """Refine placements of one camera against a fixed map of people, all together.
+    """Refine all placements of one camera together against a fixed map of people.
 
     Args:
         camera: index of the camera.
-        placements: all boxes and (7,) initial parameters in world coordinates, of each placement.
-        people: map of the other cameras, same frames.
+        placements: for each placement, all boxes and (7,) initial parameters in world coordinates.
+        people: map of the other cameras for the same frames.
         settings: constants.
         log_focal: mean of the prior on log focal length; `focal_spread` is its deviation.
 
     Returns:
-        (7,) refined parameters by the index of the placement, of those that neither diverge nor
+        (7,) refined parameters by index of the placement, except for placements that diverge or
         match too few people.
     """
     refined = {at: start for at, (_, start) in enumerate(placements)}
@@ -175,7 +175,7 @@ def _edges(
 def _problem(
     unknowns: Unknowns, args: tuple[Float[Array, "0"], tuple[MatchedPeople, Array, _Known]]
 ) -> tuple[Residuals, Residuals]:
-    """Residuals of one camera (1, 7); the people and the precision of their boxes are given."""
+    """Residuals of one camera (1, 7), given the people and the precision of their boxes."""
     matched, precision, known = args[1]
     box = _edges(unknowns.view[0], matched.people, known.foot_offset)
     residuals = Residuals(
@@ -190,7 +190,7 @@ def _problem(
 def _fit(
     starts: Float[Array, "fit 1 7"], matches: MatchedPeople, known: _Known
 ) -> Float[Array, "fit 1 7"]:
-    """The cameras with the smallest cost, one for each start and its row of `matches`."""
+    """The cameras with the smallest cost, one per start and its row of `matches`."""
     solver = SchurLevenbergMarquardt(most_steps=MOST_STEPS)
 
     def fit(one: tuple[Array, MatchedPeople]) -> Array:

@@ -1,1 +1,1 @@
-"""Anchors: what is known about a site from elsewhere, and what it says about cameras."""
+"""Anchors: independent measurements of a site, and their relation to cameras."""

@@ -1,4 +1,4 @@
-"""Anchors: what is known about a site from elsewhere, each with its standard deviation."""
+"""Anchors: independent measurements of a site, each with its standard deviation."""
 
 import os
 from collections.abc import Collection, Sequence
@@ -52,7 +52,7 @@ class KnownDistance:
 
 @dataclass(frozen=True)
 class KnownCamera:
-    """What is known about a camera; everything else may stay None.
+    """Known quantities of a camera; unknown ones stay None.
 
     Attributes:
         camera: index or name of the camera.
@@ -101,14 +101,14 @@ class KnownCamera:
         _require_place(self)
         if self.rotation is not None:
             R = _numbers(self.rotation, "rotation of a KnownCamera", (3, 3))
-            large = np.abs(R).max() > 2  # whose products may overflow
+            large = np.abs(R).max() > 2  # products may overflow
             if large or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
                 raise InvalidInputError("rotation of a KnownCamera must be a rotation matrix.")
 
 
 @dataclass(frozen=True)
 class SurveyedPoint:
-    """A point of the ground that a camera sees and whose place on a map is known.
+    """A point of the ground that is visible in a camera and known on a map.
 
     Attributes:
         camera: index or name of the camera.
@@ -152,7 +152,7 @@ Anchor = KnownDistance | KnownCamera | SurveyedPoint
 
 @dataclass(frozen=True)
 class AnchorCheck:
-    """One stated quantity, compared with what the people and all other anchors say.
+    """One stated quantity, compared with the people and all other anchors.
 
     Attributes:
         anchor: the anchor that states it; None for the mean height of the people.
@@ -161,7 +161,7 @@ class AnchorCheck:
             for rotations; NaN if nothing else determines it.
         sd: standard deviation of this difference, per coordinate.
         p_value: probability of a larger difference by chance (chi-square).
-        used: whether it enters the rig. The height of the people is used as a weak prior otherwise.
+        used: whether it enters the rig; if not, the height of the people still is a weak prior.
         sentence: the comparison in words.
     """
 
@@ -186,7 +186,7 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
 
     Args:
         path: the file. Its entries have the attributes of `KnownDistance`, `KnownCamera` and
-            `SurveyedPoint`; what has a default may be left out.
+            `SurveyedPoint`; those with defaults are optional.
 
     Returns:
         The anchors.
@@ -226,7 +226,7 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
 
 
 def _require_known(mapping: dict[str, Any], names: Collection[str], where: str) -> None:
-    """Refuse an object with other entries than these."""
+    """Raise if an object has other entries than these."""
     if unknown := mapping.keys() - set(names):
         raise FileFormatError(
             f"{where} has {quoted(min(unknown))}; it may have {', '.join(names)}."
@@ -234,7 +234,7 @@ def _require_known(mapping: dict[str, Any], names: Collection[str], where: str) 
 
 
 def _floats(value: Any) -> Any:
-    """Lists as tuples, whole numbers as floats."""
+    """Convert lists to tuples, and whole numbers to floats."""
     if isinstance(value, list):
         return tuple(map(_floats, value))
     return float(value) if type(value) is int else value
@@ -253,8 +253,8 @@ def resolve_anchors(
         names: (C,) names of the cameras.
 
     Returns:
-        The camera index of each anchor; and, if anchors are on Earth, the reference of a frame
-        whose x points east and y north, with its origin in their middle.
+        The camera index of each anchor and, if anchors are on Earth, the reference of a frame with
+        x east and y north whose origin is their middle.
 
     Raises:
         InvalidInputError: if a camera does not exist, a pixel is outside its image, or positions on
@@ -284,7 +284,8 @@ def resolve_anchors(
         index.append(int(camera))
         size = image_size[index[-1]]
         for pixel in _pixels(anchor):
-            # Some programs count from the corner of the image, not from the center of a pixel.
+            # Some programs count pixels from the corner of the image, not from the center of a
+            # pixel.
             if not (-1 <= pixel[0] <= size[0] and -1 <= pixel[1] <= size[1]):
                 raise InvalidInputError(
                     f"An anchor has the pixel {quoted(pixel)}, outside of the image of camera "
@@ -315,14 +316,14 @@ def resolve_anchors(
 
 
 def _pixels(anchor: Anchor) -> tuple[Pixel, ...]:
-    """The points in a camera's image that an anchor states."""
+    """Return the points in a camera's image that an anchor states."""
     if isinstance(anchor, KnownDistance):
         return anchor.pixels
     return (anchor.pixel,) if isinstance(anchor, SurveyedPoint) else ()
 
 
 def _require_place(anchor: KnownCamera | SurveyedPoint) -> None:
-    """Refuse a place on the map that is stated by half, or twice."""
+    """Raise if a place on the map is incomplete or stated twice."""
     position, longitude, latitude = anchor.position, anchor.longitude, anchor.latitude
     kind = type(anchor).__name__
     if (longitude is None) != (latitude is None):

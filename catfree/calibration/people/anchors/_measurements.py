@@ -1,8 +1,8 @@
-"""What anchors measure, as functions of a camera and of the map frame.
+"""Measurements of anchors as functions of a camera and the map frame.
 
-A rig from people is in a frame of its own, in units of its crowd: meters if the people are as tall
-on average as the settings say. A map frame (log scale, heading in radians, x, y) turns it into
-meters, and into the coordinates of the anchors.
+A rig from people has a frame of its own, with its crowd as the unit: meters if the people's mean
+height is that of the settings. A map frame (log scale, heading in radians, x, y) transforms it to
+meters and to the coordinates of the anchors.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy  # its linear algebra, which takes long to import, where it is used
+import scipy  # scipy.linalg is slow to import, so it is loaded on use
 from jaxtyping import Array, Float, Int
 
 from catfree.calibration.people._radial_lens import ideal_pixels
@@ -36,7 +36,7 @@ from catfree.types import GeoReference, Rig
 
 QUANTITIES = ("distance", "height", "focal length", "position", "rotation", "point", "people")
 DISTANCE, HEIGHT, FOCAL, POSITION, ROTATION, POINT, PEOPLE = range(7)
-LEAST_FALL = 1e-3  # of a ray per unit of length; flatter ones hardly meet the ground
+LEAST_FALL = 1e-3  # of a ray per unit of length; flatter rays hardly meet the ground
 NEAREST = 1e-6  # meters; a shorter length has no direction
 
 
@@ -45,12 +45,12 @@ class Measurement(NamedTuple):
 
     Attributes:
         anchor: the anchor that states it; None for the height of the people.
-        kind: index into `QUANTITIES`; lengths are logarithms, that of the people relative to what
-            is expected.
+        kind: index into `QUANTITIES`; lengths are logarithms, the people's height relative to the
+            expected one.
         camera: index of the camera; arbitrary for the people.
         pixels: (2, 2) in pixels from the image center of an ideal camera; arbitrary if the quantity
             has none.
-        value: (d,) what is stated.
+        value: (d,) the stated value.
         sd: standard deviation of each of its numbers.
         pixel_sd: standard deviation of each pixel coordinate.
     """
@@ -74,7 +74,7 @@ def measurements_of(
 
     Args:
         anchors: the anchors.
-        cameras: index of each one's camera.
+        cameras: camera index of each anchor.
         rig: the cameras, whose distortion is removed from pixels.
         earth: where the map frame is, if anchors have longitudes and latitudes.
     """
@@ -127,9 +127,9 @@ def on_map(camera: Float[Array, "7"], frame: Float[Array, "4"]) -> Float[Array, 
 
 
 def ground_of_pixel(camera: Float[Array, "7"], pixel: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Intersect the ray of a pixel, counted from the image center, with the ground z = 0.
+    """Intersect the ray of a pixel, relative to the image center, with the ground z = 0.
 
-    Rays that do not fall meet it very far away.
+    Rays that do not fall are taken to meet it very far away.
     """
     ray = rotation(camera).T @ jnp.append(pixel / jnp.exp(camera[LOG_FOCAL]), 1.0)
     fall = -ray[2] / jnp.sqrt(ray @ ray)
@@ -174,15 +174,15 @@ def linearize(
     cameras: Float[np.ndarray, "cam 7"],
     frame: Float[np.ndarray, "4"],
 ) -> tuple[Float[np.ndarray, "k n"], list[Float[np.ndarray, "d d"]], Float[np.ndarray, " k"]]:
-    """Compare k stated numbers with those of cameras in the frame of the people and a map frame.
+    """Compare k stated numbers with those predicted from cameras and a map frame.
 
     Returns:
-        (k, 7C + 4) derivatives of the latter by the cameras and by the map frame; (d, d) covariance
-        of what each measurement states, with that of its pixels; and (k,) stated minus predicted,
-        of angles modulo a whole turn.
+        (k, 7C + 4) derivatives of the predictions with respect to the cameras and the map frame;
+        (d, d) covariance of each stated value, including that of its pixels; and (k,) stated minus
+        predicted, angles modulo a full turn.
     """
     count = len(measurements)
-    length = max(count + -count % 8, 8)  # other numbers of anchors need no compilation
+    length = max(count + -count % 8, 8)  # padded, so that few sizes are compiled
     camera = np.array([m.camera for m in measurements], int)
     pixels = np.array([m.pixels for m in measurements]).reshape(-1, 4)
     kind = np.array([m.kind for m in measurements], int)
@@ -221,7 +221,7 @@ def _map_cameras(
 def map_cameras(
     cameras: Float[np.ndarray, "cam 7"], frame: Float[np.ndarray, "4"]
 ) -> tuple[Float[np.ndarray, "cam 7"], Float[np.ndarray, "n m"]]:
-    """Move (C, 7) cameras into a map frame (4,), with derivatives by both, (7C, 7C + 4)."""
+    """Move (C, 7) cameras into a map frame (4,), with derivatives (7C, 7C + 4) by both."""
     with jax.enable_x64(True):
         moved, (by_camera, by_frame) = _map_cameras(jnp.asarray(cameras), jnp.asarray(frame))
         J = np.hstack(

@@ -2,8 +2,8 @@
 
 A camera is (log f, tilt, roll, pan, X, Y, Z): focal length in pixels, angle of the optical axis
 below the horizon, rotation about it, heading, and center in meters over the ground z = 0. Pixels
-are relative to the principal point, which is fixed at the image center: freeing it allows the rig
-to warp.
+are relative to the principal point, which is fixed at the image center, because freeing it would
+let the rig warp.
 """
 
 from typing import Any
@@ -56,7 +56,7 @@ def to_matrices(
 def usual_focal(
     size: Int[np.ndarray, "cam 2"], settings: CalibrationSettings
 ) -> Float[np.ndarray, " cam"]:
-    """(C,) middle of the focal lengths to try, in pixels, of images of sizes (C, 2)."""
+    """(C,) middle of the focal lengths to try, in pixels, for image sizes (C, 2)."""
     return np.median(settings.focal_shares) * size.max(1)
 
 
@@ -65,7 +65,7 @@ def scene_of(
     size: Int[np.ndarray, "cam 2"],
     k1: Float[np.ndarray, " cam"],
 ) -> Scene:
-    """Metric scene of cameras over the ground z = 0; those that are NaN are not registered.
+    """Make the metric scene of cameras over the ground z = 0; NaN cameras are not registered.
 
     Args:
         parameters: (C, 7) cameras.
@@ -82,7 +82,7 @@ def scene_of(
 
 
 def of_rig(rig: Rig) -> Float[np.ndarray, "cam 7"]:
-    """Parameters (C, 7) of the registered cameras of a rig over the ground z = 0; NaN of others."""
+    """Parameters (C, 7) of a rig's registered cameras over the ground z = 0; NaN for others."""
     parameters = from_matrices(*(np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.t)))
     return np.where(rig.registered[:, None], parameters, np.nan)
 

@@ -1,4 +1,4 @@
-"""Map the people seen by one camera on the metric ground."""
+"""Maps of the people seen by one camera, on the metric ground."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ from catfree.geometry._person import ASPECT, NEAREST_DEPTH, box_ends, edges_of, 
 from catfree.settings import CalibrationSettings
 
 NEAREST = 0.3  # meters; nearer, a person is below the camera
-USUAL_RANGE = 5.0  # meters; of a foot out of reach, for the lean of its person
+USUAL_RANGE = 5.0  # meters; assumed for a foot out of reach, to compute its person's lean
 FARTHEST = 80.0  # meters; beyond, the box of a person is a few pixels in any camera
 RANGE_ERRORS = (0.08, 0.05, 0.03, 0.02, 0.01)  # relative; first of a view, last of an adjusted rig
 
@@ -41,7 +41,7 @@ class GroundMap:
     valid: Bool[np.ndarray, "frame slot"]
 
     def rolled(self, frames: int) -> "GroundMap":
-        """Show everybody a number of frames later, circularly."""
+        """Shift everybody by a number of frames, circularly."""
         return GroundMap(*(np.roll(part, frames, axis=0) for part in vars(self).values()))
 
 
@@ -111,7 +111,7 @@ def map_ground(
     taller, _ = _ground_range(parameters, R, u - lean, top, mean_height + settings.person_height_sd)
     head_sd = np.hypot((head_next - head_range) * sd, taller - head_range)
     foot_ok = within_reach(foot_range)
-    # The head alone is uninformative if the camera is about as high as a head.
+    # The head alone is uninformative if the camera is about at head height.
     head_ok = within_reach(head_range) & (head_sd < 0.5 * np.abs(head_range))
     gap = (foot_range - head_range) ** 2 / (foot_range_sd**2 + head_sd**2)
     both = foot_ok & head_ok
@@ -185,7 +185,7 @@ def visible(
         parameters: (7,) the camera.
         size: (2,) image width and height in pixels.
         smallest: box height in pixels below which the camera hardly detects people.
-        people: (T, N) whom it may see.
+        people: (T, N) people to check.
         settings: constants.
     """
     person = np.concatenate([people.xy, people.height[..., None]], -1)

@@ -32,7 +32,7 @@ def shape_deviation(
     covariance: Float[np.ndarray, "cam 7 cam 7"],
     known: Bool[np.ndarray, " cam"],
 ) -> float | None:
-    """Root mean square deviation of camera centers after the similarity that fits them best.
+    """Root mean square deviation of camera centers after the best-fitting similarity.
 
     Args:
         parameters: (C, 7) cameras as in `_camera_model`.
@@ -40,8 +40,8 @@ def shape_deviation(
         known: (C,) cameras to use.
 
     Returns:
-        Meters; None if a covariance is not known (NaN), or with two cameras, on whose centers some
-        similarity maps those of any other two.
+        Meters; None if a covariance is unknown (NaN), or with two cameras, whose centers any
+        similarity can match.
     """
     centers = parameters[known, X:]
     covariance = covariance[known][:, X:, known][..., X:]
@@ -49,7 +49,7 @@ def shape_deviation(
     if count < 3 or not np.isfinite(covariance).all():
         return None
     offset = centers - centers.mean(0)
-    turns = np.cross(np.eye(3)[None], offset[:, None])  # by small angles about the three axes
+    turns = np.cross(np.eye(3)[None], offset[:, None])  # small rotations about the three axes
     moves = np.concatenate(
         [np.broadcast_to(np.eye(3), (count, 3, 3)), turns, offset[:, None]], axis=1
     )
@@ -63,10 +63,10 @@ def shape_deviation(
 
 
 def crowd_deviation(people_at_a_time: float, settings: CalibrationSettings) -> float:
-    """Standard deviation in meters of the mean height of the people that the boxes show.
+    """Standard deviation in meters of the mean height of the people in the boxes.
 
-    It comes from the height of the local people (the population mean and the finite sample) and
-    from the excess size of detector boxes over people.
+    Sources are the height of the local people (population mean and finite sample) and the excess
+    size of detector boxes over people.
 
     Args:
         people_at_a_time: mean number of matched people per frame; a lower bound of the number of

@@ -1,4 +1,4 @@
-"""Estimate tilt, roll and height of one camera from its own boxes, given a focal length.
+"""Tilt, roll and height of one camera from its own boxes, given a focal length.
 
 A single view cannot separate its focal length from the bias of box bottoms, so several focal
 lengths are tried: for each, the ground plane is fitted so that people have realistic heights.
@@ -28,22 +28,22 @@ from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
 TRIALS = 400  # minimal samples; if half of the boxes are good, all 400 fail with probability e^-53
-TOLERANCE = 0.10  # relative to the predicted box height: twice the spread of heights
+TOLERANCE = 0.10  # of the predicted box height: twice the spread of heights
 LARGEST_SAMPLE = 1500  # boxes per fit; fewer are padded to this number
-FEWEST_BOXES = 12  # of a camera: fewer fit any plane
-LARGEST_MISFIT = 30.0  # standard deviations; larger ones count as this
+FEWEST_BOXES = 12  # per camera; fewer fit any plane
+LARGEST_MISFIT = 30.0  # standard deviations, to which larger misfits are clipped
 HEIGHTS = (0.8, 40.0)  # meters; of a camera
 TILTS = (-0.3, 1.4)  # radians; of a camera
 LARGEST_ROLL = 0.6  # radians; of a camera
 SAME_ANGLE = 0.009  # radians; planes that differ by less, and by less than `SAME_HEIGHT`, are one
 SAME_HEIGHT = 0.03  # relative; of the camera above the planes
-FLATTEST = 1e3  # camera heights; feet that are farther away are near the horizon
+FLATTEST = 1e3  # camera heights; feet farther away are near the horizon
 
 
 def fit_planes(
     grid: BoxGrid, camera: int, focal: float, settings: CalibrationSettings
 ) -> Float[np.ndarray, "plane 7"]:
-    """Fit ground planes under one camera on which its boxes have the heights of people.
+    """Fit ground planes under one camera on which its boxes have people's heights.
 
     People on stairs, on ramps or behind railings do not fit the ground plane, so up to three
     hypotheses are kept: from the lower half of the feet, from the tallest 30 % of the boxes, and
@@ -61,7 +61,7 @@ def fit_planes(
     """
     valid = grid.valid[camera]
     boxes, sd = grid.box[camera, valid], grid.sd[camera, valid]
-    # Repeated boxes of people who stand still count once.
+    # Repeated boxes of standing people count once.
     cells = np.round(boxes / 8).astype(np.int64)
     _, keep = np.unique(cells, axis=0, return_index=True)
     keep = evenly_spread(np.sort(keep), LARGEST_SAMPLE)
@@ -79,7 +79,7 @@ def fit_planes(
     # Both edges change the implied height; the lower one also changes the range.
     by_edges = 2.0 * settings.apparent_height * sd / np.maximum(box_height, 1.0)
     spread = np.hypot(settings.person_height_sd, by_edges)
-    # From each start, to its own boxes and to all.
+    # Polish each start with its own boxes, and with all boxes.
     start = np.repeat(starts, 2, axis=0)
     member = np.stack([m for chosen in subsets for m in (chosen, subsets[-1])])
     with jax.enable_x64(True):
@@ -123,11 +123,11 @@ def _sample_plane(
     if not good.any():
         return nothing
     lines = np.linalg.solve(matrices[good], values[good][..., None])[..., 0]
-    # Boxes grow downwards, and the camera is neither upside down nor lying on its side.
+    # Boxes grow downward, and the camera is neither upside down nor on its side.
     lines = lines[(lines[:, 1] > 0.05) & (np.abs(lines[:, 0]) < 0.36 * lines[:, 1])]
     if not len(lines):
         return nothing
-    # The threads of a matrix product would wait for each other longer than they multiply.
+    # A threaded matrix product would spend more time on synchronization than on multiplication.
     predicted = np.maximum(np.einsum("lk,bk->lb", lines, design), 1e-3)
     misfit = (tall / predicted - 1) / TOLERANCE
     line = lines[np.argmax((1 / (1 + misfit**2)).sum(1))]
@@ -136,7 +136,7 @@ def _sample_plane(
     plane[LOG_FOCAL] = np.log(focal)
     plane[TILT] = np.arcsin(np.clip(normal[2], -0.99, 0.99))
     plane[ROLL] = np.arctan2(normal[0], normal[1])
-    # Of the line of sight to the foot and of the head's image, how fast they go down and up.
+    # Descent of the line of sight to the foot, and ascent of that to the head.
     fall, rise = design @ normal, normal[1] - (design[:, 1] - tall) * normal[2]
     known = (fall > 1 / FLATTEST) & (rise > 1 / FLATTEST)
     if known.sum() < FEWEST_BOXES:
@@ -147,7 +147,7 @@ def _sample_plane(
 
 
 class _Sample(NamedTuple):
-    """Boxes (n, 3) of one camera, their inverse deviations, and what people are like."""
+    """Boxes (n, 3) of one camera, their inverse deviations, and the expected people."""
 
     box: Float[Array, "n 3"]
     precision: Float[Array, " n"]

@@ -1,1 +1,1 @@
-"""Match people across cameras and judge whether a camera agrees with the others."""
+"""Match people across cameras, and judge whether a camera agrees with the others."""

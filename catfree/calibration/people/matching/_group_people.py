@@ -1,4 +1,4 @@
-"""Group the boxes of several cameras into one map of people on the ground."""
+"""Grouping of several cameras' boxes into one map of people on the ground."""
 
 from dataclasses import dataclass, replace
 
@@ -45,7 +45,7 @@ class People:
     """People in all frames seen by the placed cameras.
 
     Attributes:
-        ground: their positions.
+        ground: positions of the people.
         members: (T, M, C) slot of each camera's box, or -1.
     """
 
@@ -60,7 +60,7 @@ def group_people(
 ) -> People:
     """Group the boxes of all placed cameras into people, frame by frame.
 
-    Cameras are added one by one, those with most boxes first. Mutually nearest people within the
+    Cameras are added one by one, the one with most boxes first. Mutually nearest people within the
     gate are merged; the others stay separate.
 
     Args:

@@ -1,4 +1,4 @@
-"""Match mutually nearest people of two ground maps, and say how dense they are by chance."""
+"""Mutually nearest people of two ground maps, and the density of chance matches."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -11,10 +11,10 @@ from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.types._sampling import mutually_lowest
 
 ROUNDING = 1.01  # single precision may shorten a distance by less
-LEAST_DENSITY = 0.002  # boxes per square meter and frame: one somewhere in 500 square meters
-CELL = 0.5  # meters; of the map of the density of boxes
+LEAST_DENSITY = 0.002  # boxes per square meter and frame: one in 500 square meters
+CELL = 0.5  # meters; of the density map of boxes
 BLUR = 1.0  # meters; of that map
-MARGIN = 4 * BLUR  # beyond it the blur ends
+MARGIN = 4 * BLUR  # where the blur ends
 
 
 class Matches(NamedTuple):
@@ -38,7 +38,7 @@ class Matches(NamedTuple):
 def mutual_nearest(one: GroundMap, other: GroundMap, gate: float) -> Matches:
     """Find pairs of people within the gate that are each other's best match.
 
-    Only pairs that their distance in meters allows are compared by their covariances: a squared
+    Covariances are evaluated only for pairs within reach by their distance in meters: a squared
     Mahalanobis distance is at least the squared distance over the trace of the covariance.
 
     Args:
@@ -70,7 +70,7 @@ def mutual_nearest(one: GroundMap, other: GroundMap, gate: float) -> Matches:
 
 
 def _components(people: GroundMap, gate: float) -> tuple[Float32[np.ndarray, "frame slot"], ...]:
-    """Return x, y, the covariance and the squared distance that it allows, -inf for nobody.
+    """Return x, y, the covariance and the squared distance that it allows, -inf for empty slots.
 
     Single precision resolves a millimeter in a kilometer.
     """
@@ -86,7 +86,7 @@ def chance_density(
 ) -> Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]:
     """Estimate the density of a camera's boxes on the ground, blurred by `BLUR`.
 
-    A person who stands still makes the local density high, so that a match there is not evidence.
+    A standing person raises the local density, so that a match there is not evidence.
 
     Args:
         people: the camera's map.

@@ -1,9 +1,9 @@
-"""Place a camera by voting, so that it sees the same people as another camera or a rig.
+"""Placement of a camera by voting, so that it sees the same people as another camera or a rig.
 
 Two metric ground maps differ by a heading and a translation. Every pair of boxes of one instant
-votes for all placements that would make it one person. The true placement collects one vote per
-person seen by both cameras; chance votes are spread thinly. Two people who stand still vote for the
-same placements at every instant: the longer both stay, the less each of these votes weighs.
+votes for all placements that would make them one person. The true placement collects one vote per
+person seen by both cameras; chance votes are spread thinly. Two standing people vote for the same
+placements at every instant: the longer both stay, the less each of these votes weighs.
 """
 
 from dataclasses import dataclass, replace
@@ -15,12 +15,12 @@ from catfree.calibration.people.cameras._camera_model import PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.settings import CalibrationSettings
 
-NEAR_BINS = 2.5  # of the vote; nearer placements are one
-LEAST_SCORE = 0.4  # of the best; lower placements are not looked at
-BINS_PER_PLACEMENT = 50  # looked at for each distinct placement
-VOTES_AT_A_TIME = 2**16  # fit a cache
-LONGEST_ABSENCE = 3  # voting frames; after more, a pair in the same places has come again
-NEAREST_PEOPLE = 24  # people per frame that vote: those with the most precise positions
+NEAR_BINS = 2.5  # bins of the vote; nearer placements count as one
+LEAST_SCORE = 0.4  # of the best score; lower placements are not considered
+BINS_PER_PLACEMENT = 50  # considered for each distinct placement
+VOTES_AT_A_TIME = 2**16  # fits a cache
+LONGEST_ABSENCE = 3  # voting frames; after more, a pair in the same places is a new stay
+NEAREST_PEOPLE = 24  # people per frame that vote, those with the most precise positions
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Placement:
         return placed
 
     def is_near(self, other: "Placement", settings: CalibrationSettings) -> bool:
-        """Return whether the bins of two placements touch, so that refining makes them one."""
+        """Return whether the bins of two placements touch, so that refinement would merge them."""
         apart = np.linalg.norm(self.translation - other.translation) / settings.voting_cell
         turned = np.cos(self.angle - other.angle)
         return bool(apart <= NEAR_BINS and turned >= np.cos(NEAR_BINS * settings.voting_angle))
@@ -70,7 +70,7 @@ def vote(
 
     Args:
         target: (T, N) people of the fixed map.
-        source: (T, M) people of the moving map, same frames.
+        source: (T, M) people of the moving map in the same frames.
         settings: constants.
         count: maximum number of distinct placements.
 
@@ -84,7 +84,7 @@ def vote(
     radius, half = _reach(target, source, settings), len(source.xy) // 2
     votes = _count(target, source, bins, radius, settings.voting_cell)
     chance = _count(target, source.rolled(half), bins, radius, settings.voting_cell)
-    # Far corners have no chance votes; the mean level bounds the ratio there.
+    # Far corners have no chance votes, where the mean level bounds the ratio.
     level = np.maximum(chance, chance.mean())
     level += 1.0
     chance *= settings.chance_weight
@@ -94,7 +94,7 @@ def vote(
     best = np.flatnonzero(score > LEAST_SCORE * max(score.max(), 1e-9))
     for index in best[np.argsort(-score.flat[best], kind="stable")[: BINS_PER_PLACEMENT * count]]:
         angle_bin, x_bin, y_bin = np.unravel_index(index, score.shape)
-        # A blurred bin sums itself and the next one, so its center is its upper edge.
+        # A blurred bin is the sum of itself and the next one, so its center is its upper edge.
         angle = (angle_bin + 0.5) * 2 * np.pi / bins
         place = np.array([x_bin + 1.0, y_bin + 1.0]) * settings.voting_cell - radius
         placement = Placement(angle, place)
@@ -106,7 +106,7 @@ def vote(
 
 
 def _reach(target: GroundMap, source: GroundMap, settings: CalibrationSettings) -> float:
-    """Largest distance between two cameras that see the same people, in whole cells."""
+    """Largest distance between two cameras that can see the same people, in whole cells."""
     reach = [
         np.quantile(np.linalg.norm(m.xy[m.valid], axis=-1), 0.9) if m.valid.any() else 0.0
         for m in (target, source)
@@ -127,7 +127,7 @@ def _nearest(people: GroundMap) -> GroundMap:
 def _count(
     target: GroundMap, source: GroundMap, bins: int, radius: float, cell: float
 ) -> Float[np.ndarray, "{bins} x y"]:
-    """Count votes (angle, x, y) of all pairs of people of a frame, blurred.
+    """Count the blurred votes (angle, x, y) of all pairs of people in each frame.
 
     Args:
         target: (T, N) people of the fixed map.
@@ -141,13 +141,14 @@ def _count(
     spread += source.covariance[frame, other].trace(axis1=1, axis2=2)
     weight = 1 / np.sqrt(np.maximum(spread, cell**2))
     p, q = target.xy[frame, slot], source.xy[frame, other]
-    # The votes of a stay come together: weighed like this, they deviate as independent ones do.
+    # The votes of a stay are correlated; with this weight, they vary like independent ones.
     weight /= np.sqrt(_length_of_stay(frame, np.floor(np.hstack([p, q]) / cell)))
     p = (p.astype(np.float32) + np.float32(radius)) / np.float32(cell)
     q = q.astype(np.float32) / np.float32(cell)
     by_x, by_y = (np.vstack([p[:, axis], q.T]) for axis in (0, 1))
     side = int(2 * radius / cell)
-    # A blurred bin sums itself and the next one: the first heading comes again after the last.
+    # A blurred bin is the sum of itself and the next one, so the first heading follows the last
+    # again.
     angle = (np.arange(bins + 1) % bins * 2 * np.pi / bins).astype(np.float32)[:, None]
     votes, last = np.empty((bins + 1, side, side)), np.zeros((side, side))
     step = max(1, VOTES_AT_A_TIME // max(len(weight), 1))
@@ -157,7 +158,7 @@ def _count(
         layer = np.arange(1, len(headings) + 1, dtype=np.int32)[:, None]
         x = (np.hstack([one, -c, s]) @ by_x).astype(np.int32)
         y = (np.hstack([one, -s, -c]) @ by_y).astype(np.int32)
-        # Those out of range are counted in the first and in an additional row or column.
+        # Votes out of range go to the first and to an additional row or column.
         at = (layer * (side + 1) + x.clip(0, side)) * (side + 1) + y.clip(0, side)
         count = np.bincount(
             at.ravel(), np.tile(weight, len(headings)), (len(headings) + 1) * (side + 1) ** 2
@@ -173,11 +174,11 @@ def _count(
 def _length_of_stay(
     frame: Int[np.ndarray, " n"], cells: Float[np.ndarray, "n 4"]
 ) -> Int[np.ndarray, " n"]:
-    """Count the votes of each pair's stay, the time for which both are in the same cells.
+    """Count the votes of each pair's stay, the time that both spend in the same cells.
 
     Args:
-        frame: (n,) of the pair.
-        cells: (n, 4) where the two are, in whole numbers.
+        frame: (n,) frame of each pair.
+        cells: (n, 4) integer cells of the two people.
     """
     place = cells.astype(np.int16).view(np.int64).ravel()
     order = np.lexsort((frame, place))
@@ -197,7 +198,7 @@ def align_rigidly(
     Args:
         target: (n, 2) points in meters.
         source: (n, 2) the moving points in meters.
-        weight: (n,) of each pair.
+        weight: (n,) weight of each pair.
 
     Source: Umeyama (1991), in the plane and without scale.
     """

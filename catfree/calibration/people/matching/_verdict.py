@@ -1,4 +1,4 @@
-"""Judge whether a camera agrees with the others better than by chance.
+"""Judgment of whether a camera agrees with the others better than by chance.
 
 A misplaced camera fitted to a dense crowd matches many people, but it matches equally many when its
 boxes are shifted in time. A correct camera matches more people at the true time.
@@ -19,13 +19,13 @@ from catfree.settings import CalibrationSettings
 
 @dataclass(frozen=True)
 class PlacementVerdict:
-    """Agreement of a camera's people with a map made without that camera, compared with chance.
+    """Agreement of a camera's people with a map made without that camera, relative to chance.
 
     Attributes:
         evidence: log-likelihood ratio of "same people" against "same places, other times".
-        association: fraction matched of the people that both sides should see.
+        association: matched fraction of the people that both sides should see.
         matches: number of matched people.
-        margin: evidence above the highest at shifted times.
+        margin: evidence minus the highest evidence at shifted times.
         shortcomings: reasons not to trust the camera, as text.
     """
 
@@ -55,11 +55,11 @@ def judge_camera(
 
     Args:
         work: the sequence.
-        grid: its boxes to judge by.
+        grid: the boxes to judge by.
         state: the rig with the camera.
         camera: index of the camera.
         camera_people: the map of the camera; computed if None.
-        others: that of the other cameras; computed if None.
+        others: the map of the other cameras; computed if None.
         shifts: circular shifts of time to compare with, as fractions of the sequence; those of the
             settings if None.
     """
@@ -73,7 +73,7 @@ def judge_camera(
         )
 
     def seen_by(one: int, people: GroundMap) -> Bool[np.ndarray, "frame person"]:
-        """Mark the people whom a camera should see."""
+        """Mark the people that a camera should see."""
         size, smallest = grid.size[one], float(work.smallest[one])
         return visible(state.parameters[one], size, smallest, people, settings)
 
@@ -82,7 +82,7 @@ def judge_camera(
     density = chance_density(camera_people)
 
     def at_shift(shift: int) -> tuple[float, float, int]:
-        """Weigh the camera's people against the map of the others; missing ones count against.
+        """Weigh the camera's people against the map of the others; missing people count against it.
 
         Returns:
             Evidence, association and matches.
@@ -95,7 +95,7 @@ def judge_camera(
         missed = int(theirs.sum() - theirs[time, partner].sum())
         unmatched = int(own.sum() - own[time, slot].sum())
         matches = len(time)
-        # Maximum likelihood detection rate, within the usual rates of detectors.
+        # Maximum likelihood detection rate, within the usual range of detectors.
         rate = 2 * matches / max(1, 2 * matches + missed + unmatched)
         low, high = settings.detection_rates
         rate = min(max(rate, low), high)
@@ -124,7 +124,7 @@ def judge_cameras(
     """Judge every placed camera against the map of the others, on all frames.
 
     Returns:
-        The verdicts, and the camera to remove next, if one is not accepted; at least two remain.
+        The verdicts and, if a camera is not accepted, the one to remove next; at least two remain.
     """
     cameras = np.flatnonzero(state.placed).tolist()
     verdicts = {c: judge_camera(work, work.grid, state, c) for c in cameras}

@@ -42,14 +42,14 @@ class Workspace:
         self._maps: dict[tuple[int, int, bytes], GroundMap] = {}
 
     def planes(self, camera: int, log_focal: float) -> Float[np.ndarray, "plane 7"]:
-        """Single-view planes of a camera at a focal length, cached."""
+        """Single-view planes of a camera for a focal length, cached."""
         key = (camera, round(log_focal, 4))
         if key not in self._planes:
             self._planes[key] = fit_planes(self.grid, camera, np.exp(log_focal), self.settings)
         return self._planes[key]
 
     def local_map(self, grid: BoxGrid, camera: int, plane: Float[np.ndarray, "7"]) -> GroundMap:
-        """Map of a camera's people by one of its planes, on `voting` or `scoring`, cached."""
+        """Map of a camera's people on one of its planes, for `voting` or `scoring`, cached."""
         key = (grid.frame_count, camera, plane.tobytes())
         if key not in self._maps:
             self._maps[key] = map_camera(grid, camera, plane, self.settings, RANGE_ERRORS[0])
@@ -63,7 +63,7 @@ def prepare(
     camera_names: Sequence[str] | None,
     lenses: RadialLenses,
 ) -> Workspace:
-    """Arrange the boxes on a grid and check that there are enough.
+    """Arrange the boxes in a grid, and check that there are enough.
 
     Args:
         detections: (N,) boxes of all cameras.

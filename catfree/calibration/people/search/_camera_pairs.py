@@ -1,4 +1,4 @@
-"""Place two cameras relative to each other by their common people."""
+"""Relative placement of two cameras by their common people."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -13,11 +13,11 @@ from catfree.calibration.people.matching._placement import Placement, align_rigi
 from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
 
-PLACEMENTS_PER_VOTE = 3  # of a pair of planes: the likeliest
-SHORTLIST = 30  # placements of a pair compared on few frames
-FINALISTS = 6  # of these, placements compared on more frames
-SETTLING_ROUNDS = 3  # of matching people and fitting the placement to them
-FEWEST_MATCHES = 4  # from which a placement settles
+PLACEMENTS_PER_VOTE = 3  # most likely placements per pair of planes
+SHORTLIST = 30  # placements of a pair to compare on few frames
+FINALISTS = 6  # of these, placements to compare on more frames
+SETTLING_ROUNDS = 3  # rounds of matching people and fitting the placement to them
+FEWEST_MATCHES = 4  # least number to settle a placement
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class PairHypothesis:
     """Two cameras placed relative to each other from their single-view planes.
 
     Attributes:
-        state: a rig of these two, the first with pan, X and Y zero.
+        state: a rig of the two, the first with pan, X and Y zero.
         margin: evidence minus the highest evidence at shifted times.
     """
 
@@ -92,7 +92,7 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
 
 
 def _settle(target: GroundMap, source: GroundMap, placement: Placement, gate: float) -> Placement:
-    """Align the second map to the first by iterated closest people."""
+    """Align the second map to the first by iterative closest people."""
     for _ in range(SETTLING_ROUNDS):
         moved = moved_map(source, placement)
         time, slot, partner, *_ = mutual_nearest(target, moved, gate)

@@ -1,4 +1,4 @@
-"""Estimate clock offsets of single cameras from the evidence used to register the rig.
+"""Clock offsets of single cameras from the evidence used to register the rig.
 
 A camera whose clock is off by a few frames agrees best with the others at a nonzero shift; a camera
 whose clock is off by many frames can be placed only after its offset is corrected.
@@ -40,7 +40,7 @@ def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detectio
         (N,) the same boxes with corrected frame numbers.
 
     Raises:
-        InvalidInputError: if an offset is not a whole number, or a camera with boxes has none.
+        InvalidInputError: if an offset is not an integer, or a camera with boxes has no offset.
     """
     offset = as_integer(frame_offset, "frame_offset")
     require_shape(offset, (None,), "frame_offset")
@@ -70,7 +70,8 @@ def find_offsets(
     step = frame_step(grid.frames)
     offset = np.zeros(grid.camera_count, np.int64)
     for done in range(grid.camera_count):
-        # One camera at a time, the clearest first: a wrong clock also distorts the fit of others.
+        # One camera at a time, the clearest first, because a wrong clock also distorts the others'
+        # fit.
         found = {
             c: _offset_of(work, registered, c, maximum // step)
             for c in np.flatnonzero(offset == 0).tolist()
@@ -95,7 +96,7 @@ def find_offsets(
 def _offset_of(
     work: Workspace, registered: AdjustedRig, camera: int, maximum: int
 ) -> tuple[float, int]:
-    """Gain in evidence and shift at which a camera agrees best, where it is or elsewhere."""
+    """Gain in evidence, and the shift at which a camera agrees best, at its place or elsewhere."""
     state = registered.state
     if not state.placed[camera]:
         return offset_of_unplaced(work, state, camera, maximum)
@@ -105,7 +106,7 @@ def _offset_of(
     shift, evidence = _climb(work, state, camera, (0, state.parameters[camera]), others, maximum)
     found = evidence[shift] - evidence[0], shift
     if camera in registered.suspects:
-        # With a wrong clock, it may have been placed where it matches other people.
+        # With a wrong clock, the camera may have been placed where it matches other people.
         margin, shift = offset_of_unplaced(work, state.without_camera(camera), camera, maximum)
         found = max(found, (margin - registered.verdicts[camera].margin, shift))
     return found
@@ -119,7 +120,7 @@ def _climb(
     others: GroundMap,
     maximum: int,
 ) -> tuple[int, dict[int, float]]:
-    """Best shift of a camera from a shift and a placement on, and the evidence of those tried."""
+    """Climb from a shift and a placement to the best shift; return it and all evidence."""
     evidence: dict[int, float] = {}
     (best, place), shifts = start, _shifts(work, maximum)
     while True:
@@ -138,7 +139,7 @@ def _climb(
 def offset_of_unplaced(
     work: Workspace, state: RigState, camera: int, maximum: int
 ) -> tuple[float, int]:
-    """Evidence above chance and shift at which an unplaced camera fits; zeros if it does not.
+    """Evidence above chance, and the shift at which an unplaced camera fits; zeros if none does.
 
     Args:
         work: the sequence.
@@ -163,7 +164,7 @@ def offset_of_unplaced(
         for at, (place, verdict) in judged.items():
             if verdict.accepted and verdict.evidence > best:
                 best, margin, found = verdict.evidence, verdict.margin, (tried[at][1], place)
-        if best > 0:  # the same people rather than the same places
+        if best > 0:  # positive: the same people rather than the same places
             break
     if found is None:
         return 0.0, 0
@@ -172,6 +173,6 @@ def offset_of_unplaced(
 
 
 def _shifts(work: Workspace, maximum: int) -> list[int]:
-    """Shifts to try in instants, the smallest first; at most a third of the sequence."""
+    """Shifts to try in instants, smallest first; at most a third of the sequence."""
     reach = min(maximum, work.grid.frame_count // 3)
     return sorted(range(-reach, reach + 1), key=abs)

@@ -1,4 +1,4 @@
-"""Grow a rig from a pair: place further cameras, accept them, and remove harmful ones."""
+"""Growth of a rig from a pair: place further cameras, accept them, and remove harmful ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,19 +22,19 @@ from catfree.calibration.people.matching._verdict import (
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._camera_pairs import PairHypothesis
 
-CANDIDATES = 4  # placements refined per camera, and looked for with each of its planes
+CANDIDATES = 4  # placements refined per camera, and searched for on each of its planes
 SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
 
 @dataclass(frozen=True)
 class AdjustedRig:
-    """A rig after bundle adjustment, and how well its cameras agree.
+    """A rig after bundle adjustment, and the agreement of its cameras.
 
     Attributes:
         state: the rig.
         bundle: the last adjustment.
-        verdicts: on each of its cameras.
+        verdicts: one per camera.
     """
 
     state: RigState
@@ -43,7 +43,7 @@ class AdjustedRig:
 
     @property
     def quality(self) -> tuple[int, float]:
-        """Number of cameras that can be trusted, and the sum of their evidence above chance."""
+        """Number of trusted cameras, and the sum of their evidence above chance."""
         margins = [verdict.margin for verdict in self.verdicts.values() if verdict.accepted]
         return len(margins), float(sum(margins))
 
@@ -62,7 +62,7 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> 
     Args:
         work: the sequence.
         rig: two cameras.
-        pairs: all pair hypotheses, best first, for candidates relative to placed cameras.
+        pairs: all pair hypotheses, best first, which yield candidates relative to placed cameras.
 
     Returns:
         The grown rig.
@@ -113,7 +113,7 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
 
     Args:
         work: the sequence.
-        rig: with all of its cameras.
+        rig: the rig with all of its cameras.
 
     Returns:
         The rig of the remaining cameras.
@@ -143,11 +143,11 @@ def accepted_candidates(
         work: the sequence.
         state: the rig without the camera.
         camera: index of the camera.
-        pairs: pair hypotheses, best first, for candidates relative to placed cameras.
+        pairs: pair hypotheses, best first, which yield candidates relative to placed cameras.
         most: number of placements to refine; None for all.
 
     Returns:
-        Parameters (7,) and verdict of each placement, the likeliest first.
+        Parameters (7,) and verdict of each placement, most likely first.
     """
     people = group_people(work.scoring, state, work.settings).ground
     starts = _candidates(work, state, camera, pairs)[:most]
@@ -160,15 +160,15 @@ def accepted_candidates(
 def voted_places(
     work: Workspace, state: RigState, camera: int, grid: BoxGrid, people: GroundMap, most: int
 ) -> list[tuple[float, Float[np.ndarray, "7"]]]:
-    """Find placements of a camera by votes against the rig's people, over each of its planes.
+    """Find placements of a camera on each of its planes, by votes against the rig's people.
 
     Args:
         work: the sequence.
         state: the rig without the camera.
         camera: index of the camera.
         grid: the boxes that vote.
-        people: of the rig, in the same frames.
-        most: number of placements with each plane.
+        people: people of the rig in the same frames.
+        most: number of placements per plane.
 
     Returns:
         Scores and parameters (7,).
@@ -195,16 +195,16 @@ def judge_refined(
         state: the rig, with or without the camera.
         camera: index of the camera.
         placements: all boxes and (7,) initial parameters of each placement.
-        people: map of the other cameras, same frames.
+        people: map of the other cameras for the same frames.
 
     Returns:
-        Parameters (7,) and verdict by the index of the placement, of those that `resect` refines.
+        Parameters (7,) and verdict by index of the placement, for those that `resect` refines.
     """
     log_focal = _expected_focal(state, camera)
     refined = resect(camera, placements, people, work.settings, log_focal=log_focal)
     judged = {}
     for at, parameters in refined.items():
-        # Not yet adjusted with the others.
+        # It is not yet adjusted together with the others.
         fitted = replace(state.with_camera(camera, parameters), range_tolerance=RANGE_ERRORS[1])
         verdict = judge_camera(work, placements[at][0], fitted, camera, others=people)
         judged[at] = parameters, verdict
@@ -212,7 +212,7 @@ def judge_refined(
 
 
 def _expected_focal(state: RigState, camera: int) -> float:
-    """Log focal length of a camera, or the usual one of the others if it is not placed."""
+    """Log focal length of a camera or, if it is not placed, the usual one of the others."""
     placed = state.placed
     return float(np.median(state.parameters[camera if placed[camera] else placed, LOG_FOCAL]))
 

@@ -1,4 +1,4 @@
-"""Register all cameras: pairs, growth, and removal of wrong cameras."""
+"""Registration of all cameras: pairs, growth, and removal of wrong cameras."""
 
 from itertools import combinations
 
@@ -47,10 +47,10 @@ def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
 def _grow_pairs(
     work: Workspace, pairs: list[PairHypothesis], report: Progress
 ) -> AdjustedRig | None:
-    """Grow every pair that sees the same people and that no earlier, better pair grew to include.
+    """Grow every pair that sees the same people, unless an earlier, better pair grew to include it.
 
     Returns:
-        The rig with most cameras and evidence; None if no pair sees the same people.
+        The rig with the most cameras and evidence; None if no pair sees the same people.
     """
     grown: list[AdjustedRig] = []
     for done, pair in enumerate(pairs):

@@ -303,7 +303,8 @@ def sweep(
         habits: rates of leaving and hiding.
         population: common to all chains.
 
-    Returns: (N,) new identities from 0, in the order of their first positions.
+    Returns:
+        (N,) new identities from 0, in the order of their first positions.
     """
     bounds = np.searchsorted(frame, np.arange(len(population.time) + 1))
     at = [np.arange(a, b) for a, b in pairwise(bounds)]
@@ -350,7 +351,8 @@ def match_chains(
         habits: rates of leaving and hiding.
         population: common to all chains.
 
-    Returns: (K,) row of the past that each continues, or -1.
+    Returns:
+        (K,) row of the past that each continues, or -1.
     """
     _, matrix, vector, wait = future
     density, spread, speed = population.density, population.spread, population.motion.speed

@@ -300,8 +300,8 @@ def link(
         count: number of the next track.
         population: common to all tracks.
 
-    Returns: The tracks of this frame, those of them to follow further, and the number of the next
-        track.
+    Returns:
+        The tracks of this frame, those of them to follow further, and the number of the next track.
     """
     settings, looks = population.settings, population.looks.at(group)
     gain = _link_gain(before, info, population) - settings.gap_penalty * before.gap[:, None]
