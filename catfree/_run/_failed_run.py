@@ -75,9 +75,7 @@ def write_failure(
     leftover = [
         path.relative_to(root).as_posix() for path in earlier_results(root) if path not in files
     ]
-    earlier = (
-        f"Not of this run, but left from an earlier one in this folder: {', '.join(leftover)}."
-    )
+    earlier = f"Left in this folder by an earlier run: {', '.join(leftover)}."
     cameras = range(len(videos.camera_names))
     per_camera = [detections[detections.camera == camera] for camera in cameras]
     feet = [share_of_feet(per_camera[camera], videos.image_size[camera]) for camera in cameras]

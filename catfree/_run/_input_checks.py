@@ -163,13 +163,13 @@ def order_like(
     if len(wanted) < len(given) or contradicts:
         raise InvalidInputError(
             f"The scene has the cameras {', '.join(given)}, but there are {kind} of "
-            f"{', '.join(wanted)}, which are not all among them. Rename one like the other."
+            f"{', '.join(wanted)}, which are not all among them. Give them the same names."
         )
     if is_numbered(given):
         return scene, ()
     return scene, (
         f"The scene names its cameras {', '.join(given)}, the {kind} are {', '.join(wanted)}: "
-        "they were matched in the order given. Check that it is the same.",
+        "they were matched in the order given. Check that the order is the same.",
     )
 
 
@@ -224,7 +224,7 @@ def _require_same_sizes(scene: Scene, recording: Recording) -> None:
         raise InvalidInputError(
             f"Camera {quoted(recording.camera_names[at])} has images of "
             f"{' x '.join(map(str, size[at]))} px, but of {' x '.join(map(str, known[at]))} px in "
-            "the scene. Scale one like the other."
+            "the scene. Scale one to match the other."
         )
 
 
@@ -311,9 +311,9 @@ def missing_images(videos: SynchronizedVideos) -> tuple[str, ...]:
         if len(numbers) == len(files) and steps and max(steps) > step == min(steps):
             at = next(n for n, wide in enumerate(steps) if wide > step)
             warnings.append(
-                f"Camera {quoted(one.name)} has no image of number {numbers[at] + step} in "
-                f"{one.path}: after {files[at].name} comes {files[at + 1].name}, which is taken "
-                "for the next instant of all cameras. Add the image, or a timestamps.csv."
+                f"Camera {quoted(one.name)} has no image number {numbers[at] + step} in "
+                f"{one.path}: after {files[at].name} comes {files[at + 1].name}, which is taken as "
+                "the next instant of all cameras. Add the image, or a timestamps.csv."
             )
     return tuple(warnings)
 
@@ -330,7 +330,7 @@ def unknown_times(videos: SynchronizedVideos) -> tuple[str, ...]:
     if videos.clock is None:
         return ()
     return tuple(
-        f"Nothing tells the times of the frames of camera {quoted(one.name)}; they are taken to be "
+        f"There are no times for the frames of camera {quoted(one.name)}; they are assumed to be "
         f"even, {videos.clock.frame_rate if one.fps is None else one.fps:g} per second."
         for one in videos.footage
         if one.timeless

@@ -123,7 +123,7 @@ def describe_acceptance(outcome: RunOutcome, covered: Coverage | None = None) ->
     rows.append(
         _verdict("most boxes support a position", used, used >= LEAST_BOXES_USED, 100.0, "%")
     )
-    question = "the median sigma is below the radius of a right position"
+    question = "the median sigma is below the radius of a correct position"
     rows.append(_verdict(question, ratio, ratio <= 1, 1.0, "of the radius"))
     low, expected = reliability.moda_low, reliability.expected_moda
     value, passed = "unknown", None
@@ -218,7 +218,7 @@ def describe_cameras(outcome: RunOutcome, person_height: float) -> list[Block]:
                 f"of {person_height:.2f} m: if your people are 5 % taller, all lengths are 5 % too "
                 "short. "
                 f"The standard deviation of all lengths is {100 * calibration.scale_sd:.0f} % "
-                "if they are adults; a known distance (anchors) makes it smaller, and right for "
+                "if they are adults; a known distance (anchors) reduces it, and makes it valid for "
                 "any people."
             )
         )

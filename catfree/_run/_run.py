@@ -54,8 +54,8 @@ from catfree.types._rig import require_pinholes
 from catfree.types._validation import as_count, require_instance, require_no_boxes
 
 _ONLY_FROM_PEOPLE = (
-    "Anchors and a largest offset are for cameras found from people; leave out these, or scene and "
-    "reconstructor."
+    "Anchors and a largest offset apply to cameras found from people; leave them out, or leave out "
+    "scene and reconstructor."
 )
 
 Videos = SynchronizedVideos | Sequence[str | os.PathLike[str]]

@@ -74,8 +74,7 @@ def calibrate_cameras(
     size, names = videos.image_size, videos.camera_names
     if size is None:
         raise InvalidInputError(
-            "To find the cameras from boxes, the sizes of the images are needed: pass image_size, "
-            "or a scene."
+            "Finding the cameras from boxes needs the image sizes: pass image_size, or a scene."
         )
     incomplete = np.unique(videos.silent[:, 0])
     detections = detections[~np.isin(detections.frame, incomplete)]

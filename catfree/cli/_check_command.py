@@ -71,11 +71,11 @@ def check(
     require_offset(max_offset)
     if out is None and (videos or blur):
         raise InvalidInputError(
-            "--videos and --blur are for the page, which is written only with --out. Give it, "
+            "--videos and --blur are for the page, which is written only with --out. Give --out, "
             "or leave them out."
         )
     if offsets is not None and not videos:
-        raise InvalidInputError("--offsets are those of --videos. Give both, or none.")
+        raise InvalidInputError("--offsets apply to --videos. Give both, or neither.")
     known_scene, names = open_scene(scene, unit, image_size)
     camera_boxes = open_boxes(boxes, frame_rate, image_size, silent, names)
     require_since(since, camera_boxes.detections)  # told before the long work
@@ -250,8 +250,8 @@ def _draw_grid(folder: Path, outcome: Any, footage: Any, blur: bool) -> Path:
             # The files of boxes of a run count its instants, which may be every fifth frame.
             if not len(with_boxes) or with_boxes[-1] < footage.frame_count / 2:
                 raise InvalidInputError(
-                    "The boxes do not number frames as the videos do, so nobody can be made "
-                    "unrecognizable: give the `detections.npz` of a run, which does."
+                    "The frame numbers of the boxes are not those of the videos, so people cannot "
+                    "be blurred: give the `detections.npz` of a run, which has them."
                 )
             last = with_boxes[-1]
         frame, images = next(footage.instants_from(int(last)))

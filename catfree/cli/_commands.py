@@ -41,8 +41,8 @@ from catfree.cli._weights_commands import weights
 from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
 
 NO_TRUTH = (
-    "have no true position: everybody found there counts as wrong. If the truth is of some frames "
-    "only, give --frames truth."
+    "have no true position: everybody found there counts as wrong. If the truth covers only some "
+    "frames, give --frames truth."
 )
 # Of the positions of either side. By chance, a crowd of 20 in a hall of 12 by 36 m meets 0.04.
 HARDLY_ANY = 0.1
@@ -150,8 +150,8 @@ def _better_numbering(
     way = "higher" if shift > 0 else "lower"
     return (
         f"Were the frame numbers of the truth {abs(shift)} {way}, MODA would be {best.moda:.2f} "
-        f"instead of {given.moda:.2f} in the frames that both have. Check from which number each "
-        "of the two counts its frames."
+        f"instead of {given.moda:.2f} in the frames that both have. Check the number from which "
+        "each counts its frames."
     )
 
 
@@ -436,13 +436,13 @@ def calibrate(
         require_files(videos, detector=detector)
         if silent is not None or image_size is not None:
             raise InvalidInputError(
-                f"{videos[0]} is read as a video, which states what --image-size and --silent do. "
-                "Leave them out."
+                f"{videos[0]} is read as a video, which makes --image-size and --silent "
+                "unnecessary. Leave them out."
             )
     elif detector is not None or stride != 1 or offsets is not None or keep_before_damage:
         raise InvalidInputError(
-            f"{videos[0]} is read as boxes, so that --detector, --stride, --offsets and "
-            "--keep-before-damage have nothing to do. Leave them out."
+            f"{videos[0]} is read as boxes, so --detector, --stride, --offsets and "
+            "--keep-before-damage would not be used. Leave them out."
         )
     require_offset(max_offset)
     from catfree._run._cache import StageCache
@@ -547,7 +547,7 @@ def evaluate(
     if len(tracked) and not np.isin(tracked, truth_frames).any():
         raise InsufficientDataError(
             f"{tracks} and {ground_truth} have no frame in common: {tracked[0]} to {tracked[-1]} "
-            f"and {truth_frames[0]} to {truth_frames[-1]}. Number frames alike."
+            f"and {truth_frames[0]} to {truth_frames[-1]}. Use the same frame numbers in both."
         )
     scored, alone = truth_frames, 0
     if true.frames is None and frames == "all":

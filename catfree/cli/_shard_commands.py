@@ -72,7 +72,7 @@ def plan(
         require_files(recording, IN_ONE_FILE, scene=scene, **networks)
     elif detector is not None or embedder is not None:
         raise InvalidInputError(
-            f"{boxes} is read as boxes, so that --detector and --embedder have nothing to do."
+            f"{boxes} is read as boxes, so --detector and --embedder would not be used."
         )
     known, names, warnings = _scene_for(scene, recording if boxes is None else (), unit)
     warn(warnings)  # before shards fail

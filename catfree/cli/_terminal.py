@@ -22,7 +22,7 @@ WIDEST = 1000  # columns of a table in a file or pipe, where nothing need be fol
 OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
     "pass image_size, or a scene": "give --image-size, or a --scene to catfree localize",
-    "nothing. Pass frame_rate": "nothing. Give --frame-rate, or in a file of sites frame_rate",
+    "undefined. Pass frame_rate": "undefined. Give --frame-rate, or in a file of sites frame_rate",
     "image_size is": "--image-size is",
     "pass its unit to cf.read_scene": "give its --unit",
     "Pass a detector": "Give --detector, a detector",

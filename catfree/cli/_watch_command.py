@@ -14,8 +14,8 @@ from catfree.cli._terminal import print_text, warn
 ASIDE = {
     "error": "Line {line} is left out: {message}",
     "dropped": "A frame of camera {camera} at {time:.3f} s is left out: {reason}.",
-    "silent": "Camera {camera} is silent at {time:.3f} s: no frame of it has come for long. Check "
-    "that it runs, and that frames that show nobody have their lines, too.",
+    "silent": "Camera {camera} is silent at {time:.3f} s: no frame has come from it for long. "
+    "Check that it runs, and that frames without people have lines, too.",
 }
 
 

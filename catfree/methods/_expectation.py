@@ -118,7 +118,7 @@ def _doubt(reliability: Reliability) -> str | None:
         return "The boxes contradict the cameras; the warnings of the result say how."
     if deviation is not None and SURE * deviation > 1:
         return (
-            "Too few people were seen to find the cameras surely: their deviation is "
+            "Too few people were seen to place the cameras reliably: their standard deviation is "
             f"{deviation:.2g} times the radius within which a position is right. Record longer."
         )
     return None

@@ -143,11 +143,11 @@ def _why_nobody_is_found(frame: Int[np.ndarray, " n"], camera: Int[np.ndarray, "
     if len(np.unique(frame)) == len(pictures):
         return (
             "Nobody is found: in no frame do two cameras have boxes. Check that the boxes of all "
-            "cameras are given, and that these number frames alike."
+            "cameras are given, and that they have the same frame numbers."
         )
     return (
-        f"Nobody is found (boxes used: {len(frame)}). Check that boxes and scene are of the same "
-        "cameras, in one order, and of pictures of one size."
+        f"Nobody is found (boxes used: {len(frame)}). Check that boxes and scene have the same "
+        "cameras in the same order, and the same image sizes."
     )
 
 

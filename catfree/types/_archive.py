@@ -85,7 +85,7 @@ def load_arrays(
     stored = str(arrays.pop(_KIND, "arrays that catfree did not save"))
     if stored != kind:
         raise FileFormatError(
-            f"{source} holds {shortened(stored)}, not {kind}. Load it with the type that saved it."
+            f"{source} holds {shortened(stored)}, not {kind}. Load it with the class that saved it."
         )
     if required is None:
         return arrays

@@ -165,7 +165,7 @@ class Detections(eqx.Module):
             if any(present) and not all(present):
                 raise InvalidInputError(
                     f"Part {present.index(False)} with rows has no {name}, but part "
-                    f"{present.index(True)} has. Leave it out of all or give it to all."
+                    f"{present.index(True)} has. Give it to all parts, or to none."
                 )
             widths = {value.shape[1:] for value in values if value is not None}
             if len(widths) > 1:

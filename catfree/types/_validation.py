@@ -84,13 +84,13 @@ def as_path(value: Any, name: str) -> Path:
     if not isinstance(text, str):
         raise InvalidInputError(f"{name} must be a path, got {type(value).__name__}.")
     if not text:  # e.g. an unset variable; pathlib would take it for the current folder
-        raise InvalidInputError(f"{name} is empty. Give a path; that of the current folder is '.'.")
+        raise InvalidInputError(f"{name} is empty. Give a path, or '.' for the current folder.")
     text = os.path.expanduser(text)
     try:
         os.lstat(text)
     except ValueError as error:  # NUL, or half a surrogate pair
         raise InvalidInputError(
-            f"{name} is {quoted(text)}, which has a character that no path has. Remove it."
+            f"{name} is {quoted(text)}, which has a character that paths cannot have. Remove it."
         ) from error
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
@@ -204,8 +204,8 @@ def _as_array(value: Any) -> np.ndarray:
         )
     if np.ma.is_masked(value):
         raise InvalidInputError(
-            "Expected an array, got one with masked entries, which would count as if they were "
-            "not. Leave them out (compressed), or give them a value (filled)."
+            "Expected an array, got one with masked entries, whose mask would be ignored. Leave "
+            "them out (compressed), or give them a value (filled)."
         )
     try:
         return np.asarray(value)
@@ -481,7 +481,7 @@ def require_few_people(
         return
     raise InvalidInputError(
         f"{crowd} Check that `frame` numbers the pictures, and that the detector drops boxes of "
-        "low score and several of one person."
+        "low score and duplicate boxes of one person."
     )
 
 
@@ -591,7 +591,7 @@ def require_no_boxes(
         at, camera_index = pictures[count > 1][0].tolist()
         raise InvalidInputError(
             f"silent says that camera {shown_camera(camera_index, names)} has no picture of "
-            f"frame {at}, but there is a box in it. Leave one of the two out."
+            f"frame {at}, but there is a box in it. Remove one of the two."
         )
 
 

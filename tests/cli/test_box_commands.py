@@ -158,7 +158,7 @@ def test_cameras_from_boxes(world, boxes, tmp_path, capsys):
     out = tmp_path / "rig"
     words = ["calibrate", str(boxes), "--out", str(out)]
     assert cli.main(words) == 1
-    assert "sizes of the images are needed: give --image-size" in sentence_after_table(capsys)
+    assert "needs the image sizes: give --image-size" in sentence_after_table(capsys)
     assert cli.main([*words, "--image-size", "400", "300"]) == 1
     said = sentence_after_table(capsys)
     assert "outside its image of 400 x 300 px. Give --image-size" in said
@@ -206,7 +206,7 @@ def test_mistakes_are_one_sentence(world, boxes, tmp_path, capsys):
         assert expected in sentence(capsys)
     words = ["localize", str(boxes), "--scene", str(scene), "--max-offset", "3"]
     assert cli.main([*words, "--out", str(tmp_path / "out")]) == 1
-    assert "a largest offset are for cameras found from people" in sentence_after_table(capsys)
+    assert "a largest offset apply to cameras found from people" in sentence_after_table(capsys)
     other = tmp_path / "south.txt"
     other.write_text((boxes / "north.txt").read_text())
     words = ["localize", str(other), east, "--scene", str(scene), "--out", str(tmp_path / "out")]
@@ -226,7 +226,7 @@ def test_mistakes_are_one_sentence(world, boxes, tmp_path, capsys):
 def test_options_of_videos_are_refused_with_boxes(option, boxes, tmp_path, capsys):
     words = ["calibrate", str(boxes / "north.txt"), str(boxes / "east.txt"), *option]
     assert cli.main([*words, "--out", str(tmp_path / "out")]) == 1
-    assert "is read as boxes, so that --detector, --stride, --offsets" in sentence(capsys)
+    assert "is read as boxes, so --detector, --stride, --offsets" in sentence(capsys)
     assert not (tmp_path / "out").exists()
 
 
@@ -261,4 +261,4 @@ def test_a_benchmark_is_scored_by_its_protocol(tmp_path, capsys):
     assert "(but with other distances)" in shown
     write_tracks_csv(tmp_path / "tracks.csv", tracks[:2])
     assert cli.main(words) == 1
-    assert "in common: 1780 to 1785 and 1800 to 1835. Number frames alike" in sentence(capsys)
+    assert "common: 1780 to 1785 and 1800 to 1835. Use the same frame numbers" in sentence(capsys)

@@ -91,7 +91,7 @@ def test_people_on_the_page_can_be_made_unrecognizable(first, tmp_path, capsys):
     moved = Detections(**(vars(world.detections) | {"frame": world.detections.frame + 100}))
     moved.save(tmp_path / "boxes.npz")
     assert cli.main([*words, "--blur"]) == 1
-    assert "do not number frames as the videos do" in capsys.readouterr().err
+    assert "are not those of the videos" in capsys.readouterr().err
 
 
 def _judged(camera, verdict, advice):
@@ -125,7 +125,7 @@ def test_a_camera_that_fits_refers_to_the_warning_that_names_it(tmp_path, monkey
         (["--since", "99"], "since is frame 99, but the boxes are of frames"),
         (["--videos", "a.mp4", "b.mp4"], "--videos and --blur are for the page"),
         (["--blur"], "--videos and --blur are for the page"),
-        (["--offsets", "1", "2"], "--offsets are those of --videos"),
+        (["--offsets", "1", "2"], "--offsets apply to --videos"),
         (["--silent", "none.csv"], "none.csv"),
     ],
 )

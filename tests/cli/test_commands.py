@@ -229,7 +229,7 @@ def test_acceptance_names_what_to_look_at(outcome):
         localization=empty_localization(3, detection_count=len(outcome.detections)),
     )
     unknown = verdicts(nobody)
-    assert unknown["the median sigma is below the radius of a right position"] is None
+    assert unknown["the median sigma is below the radius of a correct position"] is None
     assert unknown["MODA is expected to be at least 50"] is None
 
 
@@ -381,7 +381,7 @@ def test_evaluate_on_truth_of_some_frames(results, tmp_path, capsys):
     truth.write_text("frame,id,x,y\n1000,1,0,0\n")
     for scored in ("all", "truth"):
         assert cli.main([*words, "--frames", scored]) == 1
-        assert "Number frames alike" in one_sentence(capsys)
+        assert "Use the same frame numbers" in one_sentence(capsys)
 
 
 @pytest.mark.slow

@@ -184,7 +184,7 @@ def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):
         (["x.npz", "--scene", "scene.json"], "x.npz"),
         (["results", "--scene", "scene.json"], "results holds files that end like boxes, not"),
         (["mot", "--scene", "scene.json"], "mot holds files that end like boxes, not like a"),
-        (["boxes.parquet", "--scene", "scene.json"], "mean nothing. Give --frame-rate, or in a"),
+        (["boxes.parquet", "--scene", "scene.json"], "are undefined. Give --frame-rate, or in a"),
         (["boxes.parquet", "--scene", "scene.json", *CUT[2:], "--every", "2"], "longer than"),
         (["boxes.parquet", "--scene", "scene.json", *CUT, "--detector", "a"], "--detector and"),
         (["boxes.parquet", "--scene", "scene.json", *CUT, "--offsets", "0", "1"], "to videos"),

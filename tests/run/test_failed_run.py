@@ -99,7 +99,7 @@ def test_files_of_an_earlier_run_stay_and_are_named(tmp_path):
     write_failure(out, CalibrationError("No."), Unfinished(videos, boxes))
     assert not any(path.exists() for path in said)
     page = (out / "report.md").read_text()
-    listed = "in this folder: tracks.csv, localization.npz, scene.json, boxes/cam2.txt."
+    listed = "by an earlier run: tracks.csv, localization.npz, scene.json, boxes/cam2.txt."
     assert listed in page
     assert page.index("Why this run failed") < page.index(listed) < page.index("What the detector")
     assert listed in (out / "report.html").read_text()

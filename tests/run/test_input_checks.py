@@ -87,7 +87,7 @@ def test_a_gap_in_the_numbers_of_images_is_named(tmp_path_factory, first, step, 
     cut = write_images(folder / "cut", [name.format(number) for number in left])
     (said,) = footage_warnings(SynchronizedVideos([whole, cut], fewest_cameras=2))
     before, after = (f"{name.format(left[at])}.png" for at in (lost - 1, lost))
-    assert f"'cut' has no image of number {numbers[lost]} in {cut}: after {before} comes" in said
+    assert f"'cut' has no image number {numbers[lost]} in {cut}: after {before} comes" in said
     assert after in said
     times = "".join(f"{at},{at / 5}\n" for at in range(count))
     (cut / "timestamps.csv").write_text("frame_id,timestamp_s\n" + times)

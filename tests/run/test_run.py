@@ -303,7 +303,7 @@ def test_every_way_through_the_stages_keeps_the_clock(pictures, tmp_path):
     report = (tmp_path / "out" / "report.md").read_text()
     assert "Frame 0 is at 0.000 s, and there are 5 per second." in report
     assert "dropped frames" in report
-    assert "Nothing tells the times of the frames of camera" in report
+    assert "There are no times for the frames of camera" in report
 
 
 @pytest.mark.slow

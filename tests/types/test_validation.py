@@ -392,7 +392,7 @@ readers |= {
 wrong = {
     "x" * 5000: "too long for a path",
     "x/" * 5000 + "a": "too long for a path",
-    "a\\0b": "character that no path has",
+    "a\\0b": "character that paths cannot have",
     None: "",
     3: "",
     ("a", None): "",
@@ -429,7 +429,7 @@ def test_names_of_existing_files_are_paths(tmp_path):
     name = "x" * 256
     with pytest.raises(InvalidInputError, match=r"^path is 'xxx.*xxx', which is too long for a"):
         as_path(name, "path")
-    with pytest.raises(InvalidInputError, match="has a character that no path has"):
+    with pytest.raises(InvalidInputError, match="has a character that paths cannot have"):
         as_path("a\0b", "path")
 
 

@@ -243,8 +243,8 @@ class CameraDetectors:
             yield self._processes
         except BrokenProcessPool as error:
             raise CatFreeError(
-                "The processes that look at the pictures ended early. Call run from under "
-                "`if __name__ == '__main__':`, or with workers=1."
+                "The detection processes ended early. Call run from under `if __name__ == "
+                "'__main__':`, or with workers=1."
             ) from error
 
     def _start(self) -> None:
@@ -259,8 +259,7 @@ class CameraDetectors:
                 self._started = {task.result() for task in begun}
         except OSError as error:
             raise CatFreeError(
-                f"The processes that look at the pictures cannot be started ({error}). Call run "
-                "with workers=1."
+                f"The detection processes cannot be started ({error}). Call run with workers=1."
             ) from error
 
 

@@ -220,8 +220,8 @@ def _by_recording(plan: Sequence[Shard]) -> dict[RecordingKey, list[Shard]]:
         indices = [shard.index for shard in parts]
         if len(set(indices)) < len(indices):
             raise InvalidInputError(
-                f"The plan has {parts[0].name} twice, of different recordings or of one. Give "
-                f"each recording its own site or date (here {quoted(site)}, {quoted(date)})."
+                f"The plan has {parts[0].name} twice, from different recordings or the same one. "
+                f"Give each recording its own site or date (here {quoted(site)}, {quoted(date)})."
             )
     return recordings
 

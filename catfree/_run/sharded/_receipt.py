@@ -149,7 +149,7 @@ def require_hash(path: Path, sha256: str, advice: str) -> None:
     if not path.is_file():
         raise FileFormatError(f"{path} is missing. {advice}")
     if hash_file(path) != sha256:
-        raise FileFormatError(f"{path} was changed or cut. {advice}")
+        raise FileFormatError(f"{path} was changed or truncated. {advice}")
 
 
 def require_scene_file(folder: Path, sha256: Any) -> Path:

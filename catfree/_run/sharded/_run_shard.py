@@ -96,7 +96,7 @@ def run_shard(
     require_instance(settings, Settings, "settings")
     if not shard.videos and (detector is not None or embedder is not None):
         raise InvalidInputError(
-            f"The {shard.name} consists of boxes, so that detector and embedder have nothing to do."
+            f"The {shard.name} consists of boxes, so detector and embedder would not be used."
         )
     run = run_fingerprint(scene, settings, detector, embedder)
     folder = recording_folder(out, shard.site, shard.date)

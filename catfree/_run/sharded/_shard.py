@@ -188,7 +188,7 @@ def _whole(
     if isinstance(recording, Detections | str | os.PathLike):
         if offsets is not None:
             raise InvalidInputError(
-                "offsets belong to videos; correct boxes with cf.calibration.remove_offsets."
+                "offsets apply only to videos; correct boxes with cf.calibration.remove_offsets."
             )
         return _boxes_as_one(recording, frame_rate)
     require_recording(recording, "recording")
@@ -197,8 +197,7 @@ def _whole(
     clock = videos.clock
     if clock is None:
         raise InvalidInputError(
-            "The frame rate of these images is not known, so that seconds mean nothing. Pass "
-            "frame_rate."
+            "The frame rate of these images is unknown, so seconds are undefined. Pass frame_rate."
         )
     frames = videos.frames
     first, stop = int(frames[0]), int(frames[-1]) + 1
@@ -241,8 +240,8 @@ def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -
         clock = Clock(rate) if clock is None else replace(clock, frame_rate=rate)
     if clock is None:
         raise InvalidInputError(
-            f"{name} {'have' if isinstance(boxes, Detections) else 'has'} no clock, so that "
-            "seconds mean nothing. Pass frame_rate."
+            f"{name} {'have' if isinstance(boxes, Detections) else 'has'} no clock, so seconds are "
+            "undefined. Pass frame_rate."
         )
     kept = boxes if isinstance(boxes, Detections) else os.path.abspath(name)
     return Shard(0, 1, first, stop, first, stop, clock, source, detections=kept)
@@ -286,7 +285,8 @@ def _missing_pictures(silent: Any, whole: Shard) -> Int[np.ndarray, "k 2"]:
     """
     if silent is not None and whole.videos:
         raise InvalidInputError(
-            "silent belongs to boxes; which pictures videos lack is known from their frames."
+            "silent applies only to boxes; the missing pictures of videos are known from their "
+            "frames."
         )
     return np.unique(as_pictures(silent), axis=0)
 

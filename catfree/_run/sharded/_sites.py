@@ -143,7 +143,7 @@ def run_sites(
     for name in names:
         if not name[0] or names.count(name) > 1:
             raise InvalidInputError(
-                f"Each recording needs its own name and date; {name} is empty or stands for two."
+                f"Each recording needs its own name and date; {name} is empty or used twice."
             )
         require_folder_name(name[0], "name")
         require_folder_name(name[1], "date")
@@ -378,8 +378,9 @@ def _scenes(
                 first = scenes.setdefault(site.name, scene)
                 if not np.array_equal(first.rig.centers, scene.rig.centers, equal_nan=True):
                     raise InvalidInputError(
-                        f"The videos of {recording_name(site.name, site.date)} are not of the same "
-                        "cameras in the same order as those of its other dates. List them alike."
+                        f"The videos of {recording_name(site.name, site.date)} do not show the "
+                        "same cameras in the same order as those of its other dates. List them in "
+                        "the same order."
                     )
         except CatFreeError as error:
             failed[site.name] = error
@@ -408,7 +409,8 @@ def _read_scene(path: str, site: Site) -> tuple[Scene, Sequence[str] | None]:
     if warnings and ordered is scene:
         raise InvalidInputError(
             f"{path} names its cameras {', '.join(names)}, but the videos of {quoted(site.name)} "
-            "have other names. Name the files as the cameras, so that none is taken for another."
+            "have other names. Name the files after the cameras, so that none is mistaken for "
+            "another."
         )
     return ordered, None
 
@@ -466,8 +468,8 @@ def calibrate_site(
             continue
         return read_scene_json(write_scene_json(path, calibration.scene))[0]
     raise CalibrationError(
-        f"No stretch of the recording of {quoted(site.name)} shows its cameras; the last one that "
-        f"was tried: {reason}"
+        f"No stretch of the recording of {quoted(site.name)} yields its cameras; the last one "
+        f"tried: {reason}"
     )
 
 

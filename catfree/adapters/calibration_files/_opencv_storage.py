@@ -75,7 +75,7 @@ def read_storage(path: StrPath, meaning: str) -> Storage:
             f"{path} ({meaning}) is malformed ({quoted(error)}). Is the file complete?"
         ) from error
     if not storage.numbers:
-        raise FileFormatError(f"{path} ({meaning}) holds no numbers as OpenCV writes them.")
+        raise FileFormatError(f"{path} ({meaning}) does not hold numbers as OpenCV writes them.")
     return storage
 
 

@@ -252,7 +252,7 @@ def _read_offsets(path: Path, camera_names: Sequence[str]) -> tuple[int, ...]:
     table = read_csv(path, "offsets")
     columns = table.columns()
     if not {"camera", "offset"} <= columns.keys():
-        raise FileFormatError(f"{path} is no table with the columns camera and offset.")
+        raise FileFormatError(f"{path} is not a table with the columns camera and offset.")
     with naming_line(path, table.lines):
         numbers = as_integer(_numbers(columns["offset"], "offset"), "offset")
     offsets = dict(zip(columns["camera"], numbers.tolist(), strict=True))
@@ -329,8 +329,8 @@ def _read(path: Path, known: tuple[str, ...]) -> _Part:
     suffix = path.suffix.lower()
     if path.is_dir() and not files_ending(path, [".parquet"]):
         raise InvalidInputError(
-            f"{path} is a folder, named beside others. Name one folder with the boxes of all "
-            "cameras alone, or one file per camera."
+            f"{path} is a folder, given together with other paths. Give one folder with the boxes "
+            "of all cameras, or one file per camera."
         )
     if path.is_dir() or suffix == ".parquet":
         return _part_of_parquet(path, known)
@@ -351,9 +351,7 @@ def _read(path: Path, known: tuple[str, ...]) -> _Part:
             _plain_names(table.header, path)
             return _part_of_table(table.columns(), path, known, table.lines)
     if suffix not in SUFFIXES:
-        raise FileFormatError(
-            f"{path} is not a file of boxes that is known: {', '.join(SUFFIXES)}."
-        )
+        raise FileFormatError(f"{path} is not a known file of boxes: {', '.join(SUFFIXES)}.")
     return _Part(read_mot(path).detections(), one_camera=True)
 
 
@@ -508,7 +506,7 @@ def _joined(parts: list[_Part], files: list[Path], known: tuple[str, ...]) -> Ca
     first = parts[0]
     if len({part.names is None for part in parts}) > 1:
         raise InvalidInputError(
-            "Some of the files name their cameras, and others number them. Name them in all."
+            "Some of the files name their cameras, and others number them. Name them in all files."
         )
     names, size = first.names, first.size
     moved = [part.detections for part in parts]
@@ -553,7 +551,7 @@ def _require_different_pictures(parts: list[Detections], names: tuple[str, ...] 
         frame, camera = every[times > 1][0].tolist()
         raise InvalidInputError(
             f"Several files have boxes of camera {shown_camera(camera, names)} in frame {frame}. "
-            "Name each file once, and number the frames of later files on from those before."
+            "Name each file once, and continue the frame numbers from one file to the next."
         )
 
 

@@ -96,7 +96,7 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
     if not files:
         raise InvalidInputError(
             f"{source} holds no annotations of WildTrack or MultiviewX "
-            "(annotations_positions/NUMBER.json). Of a results folder, name the tracks.csv."
+            "(annotations_positions/NUMBER.json). For a results folder, give its tracks.csv."
         )
     # The first files may have nobody, and therefore no views.
     cameras = next(filter(None, map(_view_count, files.values())), 0)
@@ -182,7 +182,7 @@ def _row_of(words: Sequence[str], names: list[str], path: Path, line: int) -> li
         whole = name not in ("x", "y")
         exact = math.isfinite(value) and abs(value) < 2**63 and Decimal(word) == round(value)
         if not math.isfinite(value) or (whole and not exact):
-            kind = "a whole number that double precision holds" if whole else "a finite number"
+            kind = "a whole number exact in double precision" if whole else "a finite number"
             raise FileFormatError(f"{path}: {name} in line {line} is {quoted(word)}, not {kind}.")
         row.append(value)
     return row

@@ -127,7 +127,7 @@ def require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
         ]
     if 2 * sum(sees) <= len(cameras):
         raise InvalidInputError(
-            f"{source} does not state the ground, and z = 0 is not it: only {sum(sees)} of "
+            f"{source} does not state the ground, and it is not z = 0: only {sum(sees)} of "
             f"{len(cameras)} cameras are above it and look down on it. Pass ground=, the plane in "
             "the frame of the file; cf.calibration.find_ground finds it in points of a "
             "reconstruction."
@@ -177,9 +177,7 @@ def _read(
             return read_colmap(source), None
         files = files_ending(source, PER_CAMERA)
         if not files:
-            raise InvalidInputError(
-                f"The folder {source} holds no calibration that is known: {FORMATS}."
-            )
+            raise InvalidInputError(f"The folder {source} holds no known calibration: {FORMATS}.")
         return _per_camera(files, image_size), None
     suffix = source.suffix.lower()
     if suffix == ".npz":
@@ -207,7 +205,7 @@ def _read(
             return read_rig_json(source), _unit(document["units"] == "m")
     if suffix in PER_CAMERA:
         return _per_camera([source], image_size), None
-    raise FileFormatError(f"{source} is not a calibration that is known: {FORMATS}.")
+    raise FileFormatError(f"{source} is not a known calibration: {FORMATS}.")
 
 
 def _unit(metric: bool) -> Unit:

@@ -100,8 +100,8 @@ def _boxes(
             image = _image_of(name) if images_by_id is None else images_by_id.get(name)
         if image is None:
             raise FileFormatError(
-                f"{where} is of the image {quoted(name)}, which is not listed, and whose frame is "
-                "not known."
+                f"{where} is of the image {quoted(name)}, which is not listed, so its frame is "
+                "unknown."
             )
         if images_by_id is None:
             _require_own_place(files, image, name)
@@ -170,9 +170,7 @@ def _images(document: Any) -> dict[Any, _Image]:
         name = entry(row, "file_name", where)
         image = _image_of(name) if isinstance(name, str) else None
         if image is None:
-            raise FileFormatError(
-                f"the file name of {where}, {quoted(name)}, has no number of a frame."
-            )
+            raise FileFormatError(f"the file name of {where}, {quoted(name)}, has no frame number.")
         _require_own_place(files, image, name)
         size = None
         if "width" in row and "height" in row:

@@ -130,8 +130,8 @@ def common_start(times: Sequence[Times], names: Sequence[str]) -> tuple[float, b
     if any(absolute) and not all(absolute):
         raise InvalidInputError(
             f"Camera {quoted(names[absolute.index(True)])} has absolute times (seconds since "
-            f"1970), but camera {quoted(names[absolute.index(False)])} does not: it has no place "
-            "on that clock. Give all cameras absolute times, or none."
+            f"1970), but camera {quoted(names[absolute.index(False)])} does not: it cannot be "
+            "placed on that clock. Give all cameras absolute times, or none."
         )
     return min(first, default=0.0), any(absolute)
 

@@ -169,7 +169,7 @@ class SynchronizedVideos:
             if offset >= source.frame_count and self._span(camera)[1] < 0:
                 raise InvalidInputError(
                     f"The offset of camera {quoted(self.camera_names[camera])} is {offset}, but it "
-                    f"has only {source.frame_count} frames, so that it shows no instant. Correct "
+                    f"has only {source.frame_count} frames, so it shows no instant. Correct "
                     "offsets."
                 )
         self._limits, self._stride = (start, end), stride

@@ -22,7 +22,7 @@ def require_part(part: Any, name: str) -> None:
     """
     if isinstance(part, type):
         raise InvalidInputError(
-            f"{name} is the class {part.__name__}. Pass an object of it: {part.__name__}(...)."
+            f"{name} is the class {part.__name__}. Pass an instance of it: {part.__name__}(...)."
         )
     if not (callable(part) or hasattr(part, "fit")):
         raise InvalidInputError(
@@ -112,7 +112,7 @@ def join_descriptions(parts: list[np.ndarray]) -> Float[np.ndarray, "n d"]:
     if len(widths) > 1:
         raise InvalidInputError(
             f"The embedder returned rows of {widths[0]} and of {widths[-1]} numbers; all must have "
-            "one length."
+            "the same length."
         )
     return np.concatenate(known)
 

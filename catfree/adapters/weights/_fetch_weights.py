@@ -61,7 +61,7 @@ def fetch_weights(name: str, *, download: bool = True, progress: Progress | None
                 raise
             raise _failed(weights, path, quoted(error)) from error
         if hash_file(partial) != weights.sha256:
-            raise _failed(weights, path, "what came is not the published file")
+            raise _failed(weights, path, "the download is not the published file")
     return path
 
 

@@ -137,8 +137,8 @@ def anchored(
         unseen = sorted({c for c in index if not registered[c]})
         listed = ", ".join(shown_camera(c, camera_names) for c in unseen)
         raise CalibrationError(
-            "The anchors on the map are seen by cameras that are not registered "
-            f"({shortened(listed)}). Add points or positions of others."
+            "The anchors on the map are seen only by cameras that are not registered "
+            f"({shortened(listed)}). Add points or positions of registered cameras."
         )
     deviation = calibration.crowd_height_sd / calibration.crowd_height
     people = Measurement(None, PEOPLE, 0, np.zeros((2, 2)), np.zeros(1), deviation, 0.0)
@@ -155,8 +155,8 @@ def anchored(
     if innovation.log_p < np.log(settings.anchor_level):
         tall = calibration.crowd_height * np.exp(-innovation.off[0])
         raise CalibrationError(
-            f"By the anchors the people are {tall:.2f} m tall on average, which nobody is. Check "
-            "that the anchors are in meters."
+            f"By the anchors the people are {tall:.2f} m tall on average, which is impossible. "
+            "Check that the anchors are in meters."
         )
     return _described(calibration, fit, tuple(checks), earth)
 
@@ -184,7 +184,7 @@ class _Problem:
         if len(self.start) < 4:
             return CalibrationError(
                 "The lengths and heights of the anchors contradict the people and each other; "
-                "check that they are in meters, and the pixels of lengths."
+                "check that they are in meters, and check the pixels of lengths."
             )
         return CalibrationError(
             "The anchors on the map contradict the people and each other; check their units, the "
@@ -441,8 +441,8 @@ def _about_people(calibration: Calibration, height: float, *, used: bool) -> str
     if used:
         return f"{sentence}; {expected} was expected."
     return (
-        f"{sentence}, but {expected} was expected, so that their height is not used: they are not "
-        "the usual adults, or an anchor is wrong."
+        f"{sentence}, but {expected} was expected, so their height is not used: they are not the "
+        "usual adults, or an anchor is wrong."
     )
 
 

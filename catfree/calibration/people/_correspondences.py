@@ -72,8 +72,8 @@ def refine_with_correspondences(
     settings = CalibrationSettings() if settings is None else settings
     if calibration.anchors:
         raise InvalidInputError(
-            "The calibration was fitted to anchors, which people alone would undo. Refine it "
-            "first, and fit it to the anchors afterwards."
+            "The calibration was fitted to anchors, which a refinement to people alone would undo. "
+            "Refine it first, and fit it to the anchors afterward."
         )
     rig = calibration.scene.rig
     registered = rig.registered

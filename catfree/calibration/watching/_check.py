@@ -36,29 +36,29 @@ WINDOW = 60.0  # seconds, at most
 DOUBTFUL, MOVED = 0.12, 0.2
 LEAST_MATCHED = 0.25  # share of people; with less, boxes match people only by chance
 
-UNREGISTERED = "The scene does not know where it is. Calibrate again, or leave it out."
+UNREGISTERED = "The scene has no pose for it. Calibrate again, or leave it out."
 TOO_FEW = (
     "Too few people were seen by two other cameras where it looks. Check a longer recording, or "
     "one with more people."
 )
-SILENT = "It gives no boxes of people whom the others see. Check its power, network and video."
+SILENT = "It has no boxes of people seen by the others. Check its power, network and video."
 ELSEWHERE = (
-    "Its boxes meet nobody whom the others see: it moved too far to be measured, or shows another "
+    "Its boxes match nobody seen by the others: it moved too far to be measured, or shows another "
     "time or place. Look at its picture and calibrate again."
 )
 UNMATCHED = (
-    "Few of its boxes meet people whom the others see. Check that its video belongs to this "
+    "Few of its boxes match people seen by the others. Check that its video belongs to this "
     "recording."
 )
 SWAPPED = (
     "Its boxes fit the place of camera {}: videos or names of cameras were swapped. Give each "
     "camera its own."
 )
-MOVED_SINCE = "Calibrate again with what it saw since, or turn it back."
-MOVED_ALWAYS = "It does not look where the scene says. Calibrate again."
+MOVED_SINCE = "Calibrate again with its boxes since then, or turn it back."
+MOVED_ALWAYS = "It does not point where the scene says. Calibrate again."
 LATE_SINCE = "Its clock jumped, or frames were lost. Correct its frame numbers since then."
 LATE_ALWAYS = "Correct its frame numbers, as cf.estimate_clocks does."
-OFF = "It is off all the time. Refine the rig with cf.refine."
+OFF = "It has a small constant error. Refine the rig with cf.refine."
 
 
 class Verdict(StrEnum):

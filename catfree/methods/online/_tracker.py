@@ -117,7 +117,7 @@ class Tracker:
         if state.time > -math.inf and frame <= _frame(float(state.time)):
             raise InvalidInputError(
                 f"time is {quoted(time)}, after {state.time:.15g}: it must be a number of seconds "
-                "that increases by a microsecond or more. Leave out what comes too late."
+                "that increases by a microsecond or more. Leave out late instants."
             )
         silent = self._silent(detections, cameras)
         usable_rows = np.flatnonzero(usable(detections, self.scene, self.settings))
@@ -198,8 +198,8 @@ class Tracker:
         if state.time > -math.inf and (self.lag == math.inf) != bool(state.recording):
             raise InvalidInputError(
                 "The state is that of a tracker "
-                f"{'with' if state.recording else 'without'} an infinite lag; it remembers other "
-                "things. Set it to a tracker of the same kind."
+                f"{'with' if state.recording else 'without'} an infinite lag, which stores other "
+                "data. Use it with a tracker of the same kind."
             )
         self._state = state
 
@@ -222,7 +222,7 @@ class Tracker:
         if len(contradicting):
             raise InvalidInputError(
                 f"There is a box of camera {contradicting[0]}, which is not among the cameras that "
-                "delivered a picture. Name it, or leave the box out."
+                "delivered a picture. Name that camera, or leave the box out."
             )
         return silent
 

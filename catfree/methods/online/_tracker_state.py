@@ -198,7 +198,7 @@ def _state_of(arrays: dict[str, np.ndarray]) -> TrackerState:
     follows = [(state.heads.name, state.weight)]
     follows += [(instant.node.track, instant.weight) for instant in state.window]
     if any(len(tracks) != len(weights) for tracks, weights in follows):
-        raise InvalidInputError("It holds another number of tracks than of their weights.")
+        raise InvalidInputError("It holds different numbers of tracks and of their weights.")
     past, window = float(state.final_time), [float(instant.time) for instant in state.window]
     times = [*window] if np.isnan(past) else [past, *window]
     if (np.diff(times) <= 0).any() or max(times, default=-np.inf) > state.time:

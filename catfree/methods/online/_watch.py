@@ -267,7 +267,8 @@ def _seconds(value: Any) -> float:
             moment = datetime.fromisoformat(value)
         except ValueError:
             raise InvalidInputError(
-                f"time is {quoted(value)}; it must be seconds, or such as 2026-05-01T12:00:00.25Z."
+                f"time is {quoted(value)}; it must be seconds, or a date and time such as "
+                "2026-05-01T12:00:00.25Z."
             ) from None
         if moment.tzinfo is None:
             raise InvalidInputError(f"time {quoted(value)} has no zone; end it with Z for UTC.")

@@ -324,7 +324,7 @@ class Tracks(eqx.Module):
         index = as_count(camera, "camera")
         if len(self) and not 0 <= index < self.support.shape[1]:
             raise InvalidInputError(
-                f"There is no camera {index}; the tracks tell the boxes of {self.support.shape[1]} "
+                f"There is no camera {index}; the tracks have boxes of {self.support.shape[1]} "
                 "cameras."
             )
         kept = self[self.track_id >= 0]
@@ -393,8 +393,8 @@ def supporting_boxes(
     require_instance(detections, Detections, "detections")
     if len(tracks) and not tracks.support.shape[1]:
         raise InvalidInputError(
-            "These tracks do not say which boxes support them, as a table of tracks does not. Pass "
-            "those of the localization, or read them by Tracks.load."
+            "These tracks do not say which boxes support them, as tracks from a table never do. "
+            "Pass those of the localization, or read them with Tracks.load."
         )
     row, camera = np.nonzero(tracks.support >= 0)
     box = tracks.support[row, camera]
@@ -435,7 +435,7 @@ def require_sound_tracks(tracks: Tracks) -> None:
     velocity = np.asarray(tracks.velocity)
     half_known = np.isnan(velocity) & np.isfinite(velocity[:, ::-1])
     sound = ~(np.isinf(velocity) | half_known)
-    require(sound, velocity, "velocity", "a velocity, or NaN if it is not known")
+    require(sound, velocity, "velocity", "a velocity, or NaN if unknown")
     for name, meaning in _NOT_NEGATIVE.items():
         if getattr(tracks, name) is not None:
             values = np.asarray(getattr(tracks, name))

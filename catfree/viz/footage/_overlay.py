@@ -155,7 +155,7 @@ def write_overlay_video(
     suffix = target.suffix.lower()
     if suffix not in CODECS:
         raise InvalidInputError(
-            f"{target} must end in one of {', '.join(CODECS)}, which say the format of the video."
+            f"{target} must end in one of {', '.join(CODECS)}, which select the video format."
         )
     source = videos if isinstance(videos, SynchronizedVideos) else SynchronizedVideos(videos)
     source.require_cameras(scene.rig.camera_count)

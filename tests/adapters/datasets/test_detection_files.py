@@ -491,7 +491,7 @@ def test_no_boxes_at_all_are_no_error(tmp_path):
         ("a.json", "[3]", "a.json"),
         ("a.json", '[{"bbox": [1, 2, 3, 4]}]', "box 0 has no 'image_id'"),
         ("a.json", '{"cameras": []}', "has no 'units'"),
-        ("a.mp4", "", "not a file of boxes that is known"),
+        ("a.mp4", "", "not a known file of boxes"),
         ("a.txt", "1,2,3", "has 3 columns instead of 6"),
         ("a.txt", "1;1;2;3;9;9;1", "has 1 columns instead of 6. Separate columns by commas"),
         ("a.txt", "1,1,2,3,9,9,1\n\n1,1,2,3,9,0,1\n", "box in line 3 is .* y1 < y2"),
@@ -538,7 +538,7 @@ def test_missing_mixed_and_repeated_files_are_refused(boxes, tmp_path):
         ([], "list of files with boxes is empty"),
         ([folder / "C1.txt", table], "boxes of one camera, but .*boxes.csv of several"),
         ([folder / "C1.txt", folder / "C1.txt"], "are the same file"),
-        ([folder, table], "mot is a folder, named beside others"),
+        ([folder, table], "mot is a folder, given together with other paths"),
     ]:
         with pytest.raises(InvalidInputError, match=sentence):
             cf.read_detections(paths)
@@ -594,7 +594,7 @@ def test_numbers_of_any_length_in_names_are_read_or_refused(camera, tmp_path):
     shown = {"image_id": 1, "category_id": 1, "bbox": [1, 2, 9, 60], "score": 1}
     path = tmp_path / "coco.json"
     path.write_text(json.dumps({"images": [image], "annotations": [shown], "categories": []}))
-    with pytest.raises(FileFormatError, match="has no number of a frame"):
+    with pytest.raises(FileFormatError, match="has no frame number"):
         read_coco(path)
 
 

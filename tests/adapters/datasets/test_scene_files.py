@@ -143,7 +143,7 @@ def test_z_0_is_not_taken_for_the_ground_where_cameras_do_not_look_at_it(rig, tm
     t = np.asarray(rig.t) - np.einsum("cij,j->ci", R, np.asarray(rig.t)[0])
     free = replace(rig, R=R, t=t)
     path = write_colmap_text(tmp_path / "colmap", free, NAMES)
-    with pytest.raises(InvalidInputError, match=r"z = 0 is not it: only . of 4 cameras"):
+    with pytest.raises(InvalidInputError, match=r"it is not z = 0: only . of 4 cameras"):
         cf.read_scene(path)
     normal = np.asarray(rig.R)[0] @ [0.0, 0.0, 1.0]
     ground = cf.Plane(normal, -normal @ np.asarray(rig.t)[0])
@@ -185,8 +185,8 @@ def test_what_is_no_calibration_is_refused(tmp_path):
     (tmp_path / "list.json").write_text("[]")
     for path, sentence in [
         (tmp_path / "nothing", "There is no file"),
-        (tmp_path / "empty", "holds no calibration that is known"),
-        (tmp_path / "notes.txt", "is not a calibration that is known"),
+        (tmp_path / "empty", "holds no known calibration"),
+        (tmp_path / "notes.txt", "is not a known calibration"),
         (tmp_path / "list.json", "is not a calibration"),
         ([], "list of calibration files is empty"),
     ]:

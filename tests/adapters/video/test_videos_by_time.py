@@ -390,7 +390,7 @@ def test_images_without_times_say_so_if_a_rate_is_given(tmp_path):
     videos = SynchronizedVideos([folder], frame_rate=2)
     assert videos.clock == Clock(2.0)
     assert footage_warnings(videos) == (
-        "Nothing tells the times of the frames of camera 'f'; they are taken to be even, 2 per "
+        "There are no times for the frames of camera 'f'; they are assumed to be even, 2 per "
         "second.",
     )
 

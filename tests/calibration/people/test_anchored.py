@@ -396,7 +396,7 @@ def test_anchors_that_cannot_be_are_refused():
     with pytest.raises(InvalidInputError, match="where it lies"):
         anchored(calibration, [point(0, rng)])
     mixed = [point(0, rng), cf.SurveyedPoint(1, (640.0, 400.0), longitude=8.0, latitude=47.0)]
-    with pytest.raises(InvalidInputError, match="in one way"):
+    with pytest.raises(InvalidInputError, match="use one form for all"):
         anchored(calibration, mixed)
     far = [dataclasses.replace(point(c, rng), position=(5e5, 5e6 + c)) for c in (0, 1)]
     with pytest.raises(InvalidInputError, match="Subtract"):

@@ -69,7 +69,7 @@ def test_a_reconstructor_that_returns_something_else_is_named(tmp_path):
     unchecked = inspect.unwrap(scene_from_videos)  # the tests' check of types comes before
     for videos_given, reconstructor, instants, message in (
         (folders, half, 1, "videos must be a SynchronizedVideos, got list"),
-        (videos, Half, 1, r"reconstructor is the class Half. Pass an object of it: Half\(...\)"),
+        (videos, Half, 1, r"reconstructor is the class Half. Pass an instance of it: Half\(...\)"),
         (videos, half, 0, "instants is 0; it must be 1 or more"),
     ):
         with pytest.raises(InvalidInputError, match=message):

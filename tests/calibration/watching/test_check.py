@@ -93,7 +93,7 @@ def test_a_camera_without_a_single_box_is_told_so(world, quiet):
     silent = check(world.true_scene, few).cameras[2]
     assert silent.verdict == Verdict.DOUBTFUL
     assert silent.matched == 0
-    assert silent.advice.startswith("It gives no boxes of people whom the others see.")
+    assert silent.advice.startswith("It has no boxes of people seen by the others.")
 
 
 @pytest.mark.slow

@@ -137,5 +137,5 @@ def test_what_contradicts_itself_is_refused(arrays, tmp_path, name, change):
 @pytest.mark.slow
 def test_tracks_without_weights_are_refused(arrays, tmp_path):
     none = {name: arrays[name][:0] for name in (".weight", ".forward")}
-    with pytest.raises(FileFormatError, match="another number of tracks"):
+    with pytest.raises(FileFormatError, match="different numbers of tracks"):
         load(tmp_path / "a.npz", arrays | none)

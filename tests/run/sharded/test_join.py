@@ -237,10 +237,10 @@ DAMAGES = {
         r"00002\.json: shard 2 .* another plan .* delete this",
     ),
     "overlapping": (lambda f: edit(f.receipt, first=90), "shard 1 ends before frame 100, but"),
-    "flipped part": (lambda f: flip(f.part), "part-00002.parquet was changed or cut"),
+    "flipped part": (lambda f: flip(f.part), "part-00002.parquet was changed or truncated"),
     "cut part": (lambda f: f.part.write_bytes(f.part.read_bytes()[:500]), "part-00002.parquet"),
     "missing part": (lambda f: f.part.unlink(), "part-00002.parquet is missing"),
-    "flipped fragments": (lambda f: flip(f.fragments), "part-00002.npz was changed or cut"),
+    "flipped fragments": (lambda f: flip(f.fragments), "part-00002.npz was changed or truncated"),
 }
 
 

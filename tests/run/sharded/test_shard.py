@@ -134,10 +134,10 @@ def test_the_clock_of_the_boxes_is_used():
         ({"every": np.nan}, "every is nan; it must be a positive number"),
         ({"overlap": -1}, "overlap is -1.*; it must be a number of seconds"),
         ({"every": 10, "overlap": 10}, "Make the shards longer than their overlap"),
-        ({"frame_rate": None}, "have no clock, so that seconds mean nothing. Pass frame_rate"),
+        ({"frame_rate": None}, "have no clock, so seconds are undefined. Pass frame_rate"),
         ({"frame_rate": 1e9, "every": 1e-9, "overlap": 0}, "make 1000"),
         ({"site": "a/b"}, "site is 'a/b', but it names a folder"),
-        ({"offsets": (0, 1)}, "offsets belong to videos"),
+        ({"offsets": (0, 1)}, "offsets apply only to videos"),
     ],
 )
 def test_impossible_plans_are_refused(options, sentence):

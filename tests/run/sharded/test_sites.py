@@ -601,7 +601,7 @@ def test_all_dates_of_a_site_list_the_same_cameras_in_one_order(tmp_path_factory
     sites = [monday, dataclasses.replace(monday, date="tuesday", recording=recording)]
     with ThreadPoolExecutor(1) as pool, pytest.raises(ShardError) as caught:
         run_sites(sites, out=folder, executor=pool)
-    swapped = "The videos of north tuesday are not of the same cameras in the same order"
+    swapped = "The videos of north tuesday do not show the same cameras in the same order"
     missing = "north monday"  # its files do not exist
     alike = recording == monday.recording
     assert (swapped not in str(caught.value)) == (missing in str(caught.value)) == alike

@@ -81,7 +81,7 @@ def without_columns(path):
 
 DAMAGES = {
     "is missing": lambda out: (out / "part-00001.parquet").unlink(),
-    "was changed or cut": lambda out: (out / "part-00001.parquet").write_bytes(b"PAR1"),
+    "was changed or truncated": lambda out: (out / "part-00001.parquet").write_bytes(b"PAR1"),
     "is not the scene": lambda out: work_file(out, "scene.json").write_text("{}"),
     "manifest": lambda out: work_file(out, "manifest.json").write_text("{"),
     "another version": lambda out: work_file(out, "manifest.json").write_text('{"schema": "1"}'),

@@ -262,7 +262,7 @@ def test_boxes_of_other_detections_are_refused():
     pytest.importorskip("supervision")
     found, boxes = supported()
     for camera, given_boxes, sentence in [
-        (2, boxes, "no camera 2; the tracks tell the boxes of 2 cameras"),
+        (2, boxes, "no camera 2; the tracks have boxes of 2 cameras"),
         (0, boxes[:1], "made from other detections"),
         (0, boxes[[1, 0, 2, 3, 4]], "made from other detections"),
     ]:

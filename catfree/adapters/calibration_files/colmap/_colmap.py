@@ -142,7 +142,7 @@ def write_colmap_text(
         if not name or any(letter.isspace() for letter in name):
             raise InvalidInputError(
                 f"Cannot write {root}: camera name {quoted(name)} is empty or has a space, "
-                "which COLMAP's text cannot hold. Pass other names."
+                "which COLMAP's text format does not allow. Pass other names."
             )
         if abs(K[0, 1]) > 1e-9 * K[0, 0]:
             raise InvalidInputError(

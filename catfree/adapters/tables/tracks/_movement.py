@@ -33,7 +33,9 @@ def to_movement(tracks: Tracks) -> Any:
         from movement.io import load_poses  # pyright: ignore[reportMissingImports]
     kept = tracked(tracks, "a data set of movement")
     if not len(kept):
-        raise InvalidInputError("There are no tracks, and movement takes no empty data sets.")
+        raise InvalidInputError(
+            "There are no tracks, and movement does not accept empty data sets."
+        )
     frame, step = numbered_frames(kept.frame)
     frame = frame - frame.min()
     people, person_index = np.unique(kept.track_id, return_inverse=True)

@@ -263,8 +263,8 @@ def resolve_anchors(
     cameras = len(image_size)
     if not isinstance(anchors, Sequence):
         raise InvalidInputError(
-            f"anchors must be a list, got {type(anchors).__name__}. Put them into brackets, even "
-            "one."
+            f"anchors must be a list, got {type(anchors).__name__}. Put even a single one in "
+            "brackets."
         )
     index = []
     for anchor in anchors:
@@ -288,7 +288,7 @@ def resolve_anchors(
             # pixel.
             if not (-1 <= pixel[0] <= size[0] and -1 <= pixel[1] <= size[1]):
                 raise InvalidInputError(
-                    f"An anchor has the pixel {quoted(pixel)}, outside of the image of camera "
+                    f"An anchor has the pixel {quoted(pixel)}, outside the image of camera "
                     f"{quoted(anchor.camera)}, which has {size[0]} x {size[1]} px. Give pixels of "
                     "pictures of this size."
                 )
@@ -297,7 +297,7 @@ def resolve_anchors(
     places = np.array([a.position[:2] for a in placed if a.position is not None])
     if len(degrees) and len(places):
         raise InvalidInputError(
-            "Anchors have positions in meters and longitudes; state all of them in one way."
+            "Some anchors have positions in meters, others longitudes; use one form for all."
         )
     if np.abs(places).max(initial=0.0) > LARGEST_COORDINATE:
         raise InvalidInputError(
@@ -327,7 +327,7 @@ def _require_place(anchor: KnownCamera | SurveyedPoint) -> None:
     position, longitude, latitude = anchor.position, anchor.longitude, anchor.latitude
     kind = type(anchor).__name__
     if (longitude is None) != (latitude is None):
-        raise InvalidInputError(f"A {kind} needs longitude and latitude, or neither.")
+        raise InvalidInputError(f"A {kind} needs both longitude and latitude, or neither.")
     if longitude is not None and latitude is not None:
         _numbers((longitude, latitude), f"longitude and latitude of a {kind}", (2,))
         GeoReference(longitude, latitude)

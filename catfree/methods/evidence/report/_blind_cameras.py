@@ -35,7 +35,7 @@ def blind_camera_warnings(
     return tuple(
         f"Camera {shown_camera(camera, camera_names)} has {shown[camera]} of the {len(boxes.row)} "
         f"boxes, but {people[camera]} of the positions are in its view: its detector failed, its "
-        "video is frozen, covered or of another time, or it delivered no pictures (then say so "
-        "with `silent`)."
+        "video is frozen, covered or of another time, or it delivered no pictures (then pass them "
+        "as `silent`)."
         for camera in np.flatnonzero(blind & (shown < lowest * people)).tolist()
     )

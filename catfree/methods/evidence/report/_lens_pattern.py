@@ -100,7 +100,7 @@ def lens_warnings(
         return ()
     cameras = ("Camera " if len(bent) == 1 else "Cameras ") + ", ".join(bent)
     return (
-        f"{cameras} and the other cameras disagree about people the more, the farther they are "
-        "from the middle of the image: the lens model seems to be wrong. Pass the distortion of "
-        "the lens, or `lens` if it is a fisheye.",
+        f"{cameras} and the other cameras disagree more about people who are farther from the "
+        "middle of the image: the lens model seems to be wrong. Pass the distortion of the lens, "
+        "or `lens` if it is a fisheye.",
     )

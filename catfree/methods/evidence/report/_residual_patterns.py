@@ -121,7 +121,7 @@ class Patterns(NamedTuple):
                     f"The boxes of camera {name} are {'behind' if late > 0 else 'ahead of'} "
                     f"the people by {abs(late):.1f} frames: correct its clock.",
                     f"Camera {name} shows people {2 * moved:.0f} pixels apart in the two halves "
-                    "of the recording: it was moved; calibrate the halves apart.",
+                    "of the recording: it was moved; calibrate each half separately.",
                 )[kind]
             )
         low = np.triu(np.nan_to_num(self.together, nan=np.inf) < LEAST_TOGETHER)

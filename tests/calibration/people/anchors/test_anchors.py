@@ -122,5 +122,5 @@ def test_one_image_size_serves_anchors_of_all_cameras():
 )
 def test_pixels_of_anchors_are_in_the_image(anchor):
     boxes = cf.Detections([0, 0, 0], [0, 1, 2], [[10, 10, 40, 90]] * 3)
-    with pytest.raises(InvalidInputError, match=r"outside of the image of camera 1, .* 640 x 480"):
+    with pytest.raises(InvalidInputError, match=r"outside the image of camera 1, .* 640 x 480"):
         cf.calibrate(boxes, (640, 480), anchors=[anchor])
