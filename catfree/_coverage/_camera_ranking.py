@@ -24,7 +24,7 @@ PARALLEL = 1e-6  # sine of the angle to the ground's normal below which upright 
 
 
 class CameraRanking(eqx.Module):
-    """Loss of the rig without each of its cameras.
+    """Loss of coverage without each camera of the rig.
 
     Attributes:
         order: (K,) the registered cameras, the least important first.
@@ -135,7 +135,7 @@ def rank_cameras(
         Cameras sorted by the accuracy without them, the least important first.
 
     Raises:
-        InvalidInputError: if the scene or the area is something else.
+        InvalidInputError: if the scene or the area has another type.
     """
     require_scene(scene)
     area = visible_area(scene) if area is None else area

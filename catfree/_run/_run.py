@@ -71,12 +71,12 @@ class RunOutcome:
             `localization.identity` and the tracks' `support` index them.
         scene: cameras and ground.
         calibration: the calibration from people, or None if the scene has another source.
-        camera_names: (C,) names of the cameras, from their file names; of the scene for boxes that
-            only number theirs.
+        camera_names: (C,) names of the cameras, from their file names; from the scene for boxes
+            that only number cameras.
         frames: (T,) the processed frames.
         videos: the footage before any damage, on corrected clocks if offsets were searched; None if
             the outcome does not come from videos.
-        silent: (K, 2) frame and camera of pictures that do not exist.
+        silent: (K, 2) frame and camera of missing pictures.
         offsets: (C,) the frame of each camera's video that shows frame 0; () if all are 0.
     """
 
@@ -92,7 +92,7 @@ class RunOutcome:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences about problems of the input."""
+        """Sentences about problems with the input."""
         return self.localization.warnings
 
 
@@ -133,33 +133,32 @@ def run(
 
     Args:
         videos: one video file or image folder per camera, or `SynchronizedVideos` to specify
-            clocks, frame rates or the part to use. Of files, the instants that at least two cameras
-            show are used; nothing is concluded from pictures that a camera lacks.
+            clocks, frame rates or the part to use. With files, instants shown by at least two
+            cameras are used; missing pictures are not evidence.
         detector: finds people in an image; None for `BackgroundDetector`, which needs no weights.
         embedder: computes appearance embeddings; None for `ColorEmbedder` with a
             `BackgroundDetector`, and for no appearance with other detectors.
         reconstructor: finds the cameras from the images of one instant; they are then adjusted to
-            the people as by `refine`.
-        scene: known cameras and ground: a `Scene`, what has one as its attribute `scene` (the
-            result of `calibrate`, `refine` or an earlier run), or a file or folder that
-            `read_scene` reads. Without scene and reconstructor both are found from the people in
-            the videos (`calibrate`), in meters.
-        settings: of calibration and localization, `Settings()` if None. The calibration uses
-            the detector's `box_slack`, if it has one and the settings keep the default, and boxes
-            with a score of at least `calibration_confidence`.
+            the people, as `refine` does.
+        scene: known cameras and ground: a `Scene`, an object with an attribute `scene` (the result
+            of `calibrate`, `refine` or an earlier run), or a file or folder that `read_scene`
+            reads. Without scene and reconstructor, both are found from the people in the videos
+            (`calibrate`), in meters.
+        settings: settings of calibration and localization; None for `Settings()`. The calibration
+            uses the detector's `box_slack`, if it has one and the settings keep the default, and
+            boxes with a score of at least `calibration_confidence`.
         cache_dir: folder for finished stages. A killed run resumes from them with an identical
             result; other videos, weights, settings or code never reuse them.
         progress: called as `progress(stage, done, total)`.
         scene_names: (C,) names of the scene's cameras, to match videos in another order by name;
             None takes those of the scene's file, data set or run.
         maximum_offset: largest clock offset of a single camera, in frames, to search and correct
-            before the cameras are found from people; lags of a few frames are corrected in any
-            case.
-        anchors: what is known about the site, when the cameras are found from people; see
+            before the cameras are found from people; lags of a few frames are always corrected.
+        anchors: independent measurements of the site, if the cameras are found from people; see
             `calibrate`.
-        refine: adjust the cameras of `scene` to the people (`cf.refine`): for cameras from a
-            reconstruction, or that were moved a little since they were calibrated. Cameras that the
-            run finds are adjusted in any case.
+        refine: adjust the cameras of `scene` to the people (`cf.refine`), for cameras from a
+            reconstruction, or that moved slightly since their calibration. Cameras that the run
+            finds are always adjusted.
         workers: spawned processes that detect people, at most one per camera, for detectors that
             learn each camera's background. In a script, more than one needs
             `if __name__ == "__main__":`.
@@ -213,11 +212,11 @@ def run_stages(
     workers: int = 1,
     unfinished: Unfinished | None = None,
 ) -> RunOutcome:
-    """Do what `run` does and return the results of all stages.
+    """Run as `run` does, but return the results of all stages.
 
     Args:
-        videos: as `run`, or the boxes of all cameras, with the sizes of their images if there is no
-            scene; nobody is detected then, and embedder and reconstructor are refused.
+        videos: as `run`, or the boxes of all cameras, with the image sizes if there is no scene;
+            then nothing is detected, and embedder and reconstructor are refused.
         detector: as `run`.
         embedder: as `run`.
         reconstructor: as `run`.
@@ -255,7 +254,7 @@ def run_stages(
     recording = videos if isinstance(videos, CameraBoxes) else _opened(videos)
     so_far = Unfinished() if unfinished is None else unfinished
     so_far.recording = recording
-    # What is wrong is told before the long work.
+    # Report mistakes before the long computation.
     if isinstance(recording, CameraBoxes):
         for name in ("embedder", "reconstructor"):
             if stages[name] is not None:

@@ -86,7 +86,7 @@ def calibrate_cameras(
         return register(detections, size, rules, maximum_offset=maximum_offset, **options)
 
     def compute() -> Calibration:
-        # Registration and refinement take equally long: a killed run repeats only one of them.
+        # Registration and refinement take equally long, so a killed run repeats only one of them.
         registered = remembered("registration", begin)
         return refine_registered(registered, detections, settings, **options)
 
@@ -122,7 +122,7 @@ def reconstruct(
     cache: StageCache | None,
     progress: Progress | None,
 ) -> Scene:
-    """Second stage with a reconstructor: aggregate several instants to one static rig."""
+    """Second stage with a reconstructor: aggregate several instants into one static rig."""
     return cached(
         cache,
         "scene",
@@ -145,7 +145,7 @@ def refine_cameras(
     """Second stage with inaccurate cameras: adjust them to the people.
 
     Returns:
-        The refined scene; or, with a sentence that says why, the given one.
+        The refined scene or, with a sentence that says why, the given one.
     """
     try:
         refined = cached(
@@ -186,8 +186,8 @@ def detect_again(
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        The result of `look_again`, or the unchanged detections if the detector takes no hints, or
-        the method is that of the paper.
+        The result of `look_again`, or the unchanged detections if the detector takes no hints or
+        the method is the paper's.
     """
     if settings.method == "paper" or not isinstance(cameras.detector, FittedToCamera):
         return detections
@@ -216,7 +216,7 @@ def detect_again(
 
 
 def everywhere(settings: Settings) -> Settings:
-    """The same settings, to report people outside the working area, too."""
+    """Return the settings, changed to report people outside the working area, too."""
     unrestricted = dataclasses.replace(settings.evidence, working_area=False)
     return dataclasses.replace(settings, evidence=unrestricted)
 
@@ -237,7 +237,7 @@ def localize_people(
         detections: boxes of all cameras.
         scene: cameras and ground.
         settings: of the localization.
-        silent: frame and camera of pictures that do not exist, as `localize` takes them.
+        silent: frame and camera of missing pictures, as for `localize`.
         camera_names: names for warnings.
         cache: holds a finished localization.
         progress: called as `progress(stage, done, total)`.

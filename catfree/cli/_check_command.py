@@ -1,4 +1,4 @@
-"""The command that checks a rig against the people it saw."""
+"""The command that checks a rig against the people that it saw."""
 
 import contextlib
 import importlib.util
@@ -49,17 +49,17 @@ def check(
         out: folder for a page with the verdicts; none is written if not given.
         videos: video files or image folders, one per camera of the scene, in its order: the
             page shows a grid of the ground on their last pictures. Without them it shows the
-            grid on the last boxes. The boxes must number frames as the videos do, from 0 or
-            from 1.
+            grid on the last boxes. The frame numbers of boxes and videos must agree, counting from
+            0 or from 1.
         unit: length of one unit of a scene whose file does not state it.
         since: frame number before which the cameras are known to fit.
-        image_size: width and height of the images in pixels, where boxes do not state them.
+        image_size: width and height of the images in pixels, if boxes do not state them.
         frame_rate: frames per second of the boxes.
-        silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist. Results of a run that are given as boxes have it already.
-        offsets: the frame of each of the videos that shows frame 0 of the boxes. Results of a
-            run that are given as boxes have them already.
-        max_offset: largest clock offset to look for, in frames.
+        silent: CSV or Parquet table of missing pictures, with the columns frame and camera. If the
+            boxes are the results of a run, these already contain it.
+        offsets: the frame of each video that shows frame 0 of the boxes. If the boxes are the
+            results of a run, these already contain them.
+        max_offset: largest clock offset to search for, in frames.
         cache: folder for finished stages.
         blur: make people unrecognizable in the pictures of the videos.
     """
@@ -78,7 +78,7 @@ def check(
         raise InvalidInputError("--offsets apply to --videos. Give both, or neither.")
     known_scene, names = open_scene(scene, unit, image_size)
     camera_boxes = open_boxes(boxes, frame_rate, image_size, silent, names)
-    require_since(since, camera_boxes.detections)  # told before the long work
+    require_since(since, camera_boxes.detections)  # report mistakes before the long computation
     footage = None
     if videos:
         count = known_scene.rig.camera_count
@@ -125,7 +125,7 @@ def check(
 
 
 def refer_to_warnings(result: Any, outcome: Any) -> Any:
-    """Refer cameras that fit, but are named in a warning, to it, where there was nothing to do.
+    """Refer to the warning as the advice on cameras that fit but are named in one.
 
     Args:
         result: a `Check`.

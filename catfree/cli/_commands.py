@@ -44,7 +44,7 @@ NO_TRUTH = (
     "have no true position: everybody found there counts as wrong. If the truth covers only some "
     "frames, give --frames truth."
 )
-# Of the positions of either side. By chance, a crowd of 20 in a hall of 12 by 36 m meets 0.04.
+# Share of positions matched. By chance, a crowd of 20 in a hall of 12 by 36 m matches 0.04.
 HARDLY_ANY = 0.1
 ELSEWHERE = (
     "meet: the two may be in different frames of reference or units. Cameras from people have a "
@@ -102,7 +102,7 @@ def _box_table(boxes: Any) -> Any:
 
 
 def _in_steps(frames: np.ndarray, tracked: np.ndarray) -> np.ndarray:
-    """Mark frames in the even steps of sorted frames of tracks, (F,); all without tracks."""
+    """Mark frames in the even steps of sorted frames of tracks, (F,); all if there are none."""
     if not len(tracked):
         return np.ones(len(frames), bool)
     step = max(1, int(np.gcd.reduce(np.diff(tracked))))
@@ -111,7 +111,7 @@ def _in_steps(frames: np.ndarray, tracked: np.ndarray) -> np.ndarray:
 
 
 def _are_strided(tracked: np.ndarray, truth_frames: np.ndarray, even: np.ndarray) -> bool:
-    """Return whether tracks have most of even steps, between which the truth has more frames."""
+    """Return whether tracks have mostly even steps, between which the truth has more frames."""
     if len(tracked) < 3 or not np.isin(tracked, truth_frames).all():
         return False
     within = (truth_frames >= tracked[0]) & (truth_frames <= tracked[-1])
@@ -121,12 +121,12 @@ def _are_strided(tracked: np.ndarray, truth_frames: np.ndarray, even: np.ndarray
 def _better_numbering(
     truth: np.ndarray, predicted: np.ndarray, frames: np.ndarray, gate: float
 ) -> str | None:
-    """Say by how much the true frame numbers are too low or high, if most frames fit far better so.
+    """Say by how much the true frame numbers are off, if most frames fit far better with a shift.
 
     Args:
         truth: (G, 4) rows [frame, id, x, y].
         predicted: (P, 4) rows of the same form.
-        frames: (F,) frame numbers that both have, sorted.
+        frames: (F,) common frame numbers, sorted.
         gate: largest distance of a match.
     """
     from catfree.evaluation import detection_metrics
@@ -185,12 +185,12 @@ def run(
     Args:
         videos: one video file or image folder per camera.
         out: folder for the results.
-        detector: ONNX file of a person detector (YOLO11-pose, YOLOv8-pose or YOLOX), or a name
-            of `catfree weights list`; without it people are found by background subtraction.
-        embedder: ONNX file of a re-identification network, or a name of that list.
+        detector: ONNX file of a person detector (YOLO11-pose, YOLOv8-pose or YOLOX), or a name from
+            `catfree weights list`; without it, people are found by background subtraction.
+        embedder: ONNX file of a re-identification network, or a name from that list.
         reconstructor: ONNX file of VGGT, which finds the cameras from the images.
         scene: known cameras and ground: scene.json, a COLMAP model, anipose TOML, a folder of
-            OpenCV files, ...; without it and without a reconstructor they are found from the
+            OpenCV files, ...; without it and without a reconstructor, they are found from the
             people.
         unit: length of one unit of a scene whose file does not state it.
         method: the localization method.
@@ -210,7 +210,7 @@ def run(
             the report.
         overlay: write a video of all cameras with the tracks drawn in.
         blur: make people unrecognizable in pictures and overlay.
-        embeddings: write the appearance vectors, which recognize people, to detections.npz.
+        embeddings: write the appearance vectors, which can identify people, to detections.npz.
         workers: processes that find people by background subtraction; one per processor if not
             given.
     """
@@ -300,22 +300,20 @@ def localize(
     refine: bool = False,
     pictures: bool = True,
 ) -> None:
-    """Track the people whose boxes in several static cameras are given.
+    """Track people from their boxes in several static cameras.
 
     Args:
         boxes: MOTChallenge or COCO files, one per camera; a folder of these; or one CSV,
             Parquet, uniform JSON or .npz file with the boxes of all cameras.
         out: folder for the results.
         scene: known cameras and ground: scene.json, a COLMAP model, anipose TOML, a folder of
-            OpenCV files, ...; without it they are found from the people.
+            OpenCV files, ...; without it, they are found from the people.
         unit: length of one unit of a scene whose file does not state it.
         method: the localization method.
-        image_size: width and height of the images in pixels, where neither boxes nor scene
-            state them.
+        image_size: width and height of the images in pixels, if neither boxes nor scene state them.
         frame_rate: frames per second, for times and velocities in the results.
-        silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist, from which nothing is concluded. Results of a run that are given as boxes
-            have it already.
+        silent: CSV or Parquet table of missing pictures, with the columns frame and camera. If the
+            boxes are the results of a run, these already contain it.
         cache: folder for finished stages; `cache` in the results folder if not given.
         max_offset: largest clock offset of a single camera, in frames, to search and correct
             when the cameras are found from people.
@@ -365,7 +363,7 @@ def demo(
 
     Args:
         out: folder for videos and results.
-        seed: of the random world.
+        seed: seed of the random world.
         cameras: cameras around the square.
         people: people on the square at a time.
         frames: number of frames, 5 per second.
@@ -417,17 +415,17 @@ def calibrate(
     Args:
         videos: one video file or image folder per camera, or files of boxes as for `localize`.
         out: folder for scene.json and the rig in other formats.
-        detector: ONNX file of a person detector, or a name of `catfree weights list`; without
-            it people are found by background subtraction.
+        detector: ONNX file of a person detector, or a name from `catfree weights list`; without it,
+            people are found by background subtraction.
         cache: folder for finished stages; `cache` in the output folder if not given.
         stride: use every stride-th frame.
         offsets: the frame of each camera that shows the first common instant.
         keep_before_damage: use the footage before a frame that cannot be decoded.
         max_offset: largest clock offset of a single camera, in frames, to search and correct.
         anchors: JSON file of known lengths, cameras and points.
-        image_size: width and height of the images in pixels, where boxes do not state them.
-        silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist, for boxes. Results of a run that are given as boxes have it already.
+        image_size: width and height of the images in pixels, if boxes do not state them.
+        silent: CSV or Parquet table of missing pictures, with the columns frame and camera, for
+            boxes. If the boxes are the results of a run, these already contain it.
         pictures: if no cameras are found, write a picture of the boxes.
         blur: make people unrecognizable in it.
     """
@@ -526,10 +524,9 @@ def evaluate(
         area: x_min x_max y_min y_max; positions outside are ignored.
         threshold: largest distance of a match for MODA, in meters; 0.5 if not given.
         track_threshold: the same for MOTA and IDF1; 1 if not given.
-        frames: score all frames of tracks and truth, or those of the truth alone, for truth in
-            every tenth frame, say; WildTrack, MultiviewX and uniform JSON state theirs. With
-            tracks, of the truth only frames in the even steps of the tracks, as of a run with
-            a stride.
+        frames: score all frames of tracks and truth, or only those of the truth, if it covers, say,
+            every tenth frame; WildTrack, MultiviewX and uniform JSON state theirs. With "tracks",
+            score only the truth in the even steps of the tracks, as after a run with a stride.
     """
     from catfree.adapters.datasets._ground_truth import read_ground_truth
     from catfree.adapters.tables._track_files import read_tracks
@@ -608,7 +605,7 @@ def plot(
     results: Positional[Path],
     out: Path | None = None,
 ) -> None:
-    """Draw the pictures of a finished run again.
+    """Redraw the pictures of a finished run.
 
     Args:
         results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote.
@@ -634,7 +631,7 @@ def heat_map(
     cell: float = 0.5,
     k: int = 5,
 ) -> None:
-    """Count positions per cell of the ground, without cells that few people visited.
+    """Count positions per cell of the ground, omitting cells that few people visited.
 
     Args:
         results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote, or of
@@ -642,7 +639,7 @@ def heat_map(
         out: CSV file; `heat_map.csv` in the results folder of a run if not given. With
             matplotlib, a picture is written beside it.
         cell: side of a cell in meters, or in scene units if the scale is unknown.
-        k: fewest people of a cell that is shown.
+        k: least number of people in a cell that is shown.
     """
     import importlib.util
 

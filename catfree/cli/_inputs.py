@@ -221,7 +221,7 @@ def open_boxes(
         paths: files of boxes, or one folder.
         frame_rate: frames per second, if known.
         image_size: width and height in pixels of all images, if known.
-        silent: table of the pictures that do not exist, if some do not.
+        silent: table of missing pictures, if there are any.
         camera_names: (C,) names of the scene's cameras, if known.
 
     Raises:

@@ -52,12 +52,12 @@ def plan(
         overlap: seconds that neighboring shards share.
         frame_rate: frames per second; that of the videos or of the saved boxes if not given.
         offsets: the frame of each camera that shows the first common instant.
-        silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
-            not exist, for boxes. Results of a run that are given as boxes have it already, and
-            videos need none.
-        detector: ONNX file of a person detector, or a name of `catfree weights list`; without
-            it people are found by background subtraction.
-        embedder: ONNX file of a re-identification network, or a name of that list.
+        silent: CSV or Parquet table of missing pictures, with the columns frame and camera, for
+            boxes. If the boxes are the results of a run, these already contain it; videos do not
+            need it.
+        detector: ONNX file of a person detector, or a name from `catfree weights list`; without it,
+            people are found by background subtraction.
+        embedder: ONNX file of a re-identification network, or a name from that list.
         method: the localization method.
     """
     from catfree._run.sharded._plan_file import PlanFile, write_plan
@@ -106,11 +106,11 @@ def plan(
 
 
 def shard(plan: Path, index: int) -> None:
-    """Localize one shard of a plan, unless that was done before.
+    """Localize one shard of a plan, unless it is already finished.
 
     Args:
-        plan: what `catfree plan` wrote.
-        index: of the shard, counted from 0.
+        plan: the plan that `catfree plan` wrote.
+        index: index of the shard, from 0.
     """
     from catfree._run.sharded._plan_file import read_plan, shard_at
     from catfree._run.sharded._run_shard import run_shard
@@ -133,7 +133,7 @@ def shard(plan: Path, index: int) -> None:
 
 
 def join(out: Positional[Path]) -> None:
-    """Join the finished shards of a recording to one table.
+    """Join the finished shards of a recording into one table.
 
     Args:
         out: the folder that the plan named.
@@ -214,7 +214,7 @@ def _scene_for(
 
 
 def _missing_pictures(path: Path, scene: Any, names: tuple[str, ...] | None) -> Any:
-    """Read which pictures do not exist, by the names that the scene gives its cameras."""
+    """Read the missing pictures, with cameras named as in the scene."""
     from catfree.adapters.datasets._detection_files import read_missing_pictures
     from catfree.adapters.files._camera_names import plain_numbers
 

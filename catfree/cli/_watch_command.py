@@ -30,15 +30,15 @@ def watch(
     """Track people live: lines of boxes on standard input, of positions on standard output.
 
     A line is the JSON of a frame of one camera: {"camera": "north", "time": 12.25, "boxes":
-    [[x1, y1, x2, y2]], "scores": [0.9]}. A frame that shows nobody needs its line, too.
+    [[x1, y1, x2, y2]], "scores": [0.9]}. A frame without people needs a line, too.
 
     Args:
         scene: known cameras and ground (scene.json, or any calibration format).
         frame_rate: instants per second.
         lag: seconds after which positions are final.
-        timeout: seconds, by the times in the lines, to wait for missing cameras although a
-            newer instant began; a newer one that is complete ends the wait.
-        provisional: also write the positions of now, which later frames may correct.
+        timeout: seconds, by the times in the lines, to wait for missing cameras after a newer
+            instant began; a newer complete instant ends the wait.
+        provisional: also write provisional positions, which later frames may correct.
         unit: length of one unit of a scene whose file does not state it.
     """
     from catfree.adapters.files._camera_names import plain_numbers

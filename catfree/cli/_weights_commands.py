@@ -11,7 +11,7 @@ from catfree.errors import InvalidInputError
 
 @dataclass(frozen=True)
 class List:
-    """List the weights that are known by name, with license and address."""
+    """List the weights known by name, with license and address."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Get:
     """Download weights, unless they are on this machine, and print their paths.
 
     Attributes:
-        names: names of `catfree weights list`.
+        names: names from `catfree weights list`.
     """
 
     names: Positional[tuple[str, ...]]

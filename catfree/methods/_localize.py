@@ -47,13 +47,13 @@ def localize(
         detections: person boxes of all cameras and frames, in any order. Boxes in float32 are
             measured in single precision.
         scene: cameras, ground and extent in any units and any frame of reference.
-        settings: `Settings()`, the default method, if None.
+        settings: None for `Settings()`, the default method.
         progress: called as `progress(stage, done, total)`.
-        silent: (K, 2) integers, frame and camera of each picture that does not exist, because the
-            camera failed or its video ended. That nobody was detected in it then says nothing; in
-            all other pictures of frames with any box, it is evidence against people in view. The
-            paper's method does not use it.
-        camera_names: names for warnings and error messages, which give numbers without them.
+        silent: (K, 2) integers, frame and camera of each missing picture, because the camera failed
+            or its video ended. A missing picture says nothing about people; in all other pictures
+            of frames with any box, the absence of a box is evidence against people in view. The
+            paper's method ignores it.
+        camera_names: names for warnings and error messages, which otherwise give numbers.
 
     Returns:
         Tracks, every candidate with its fate, the thresholds and a label-free reliability summary,
@@ -62,9 +62,9 @@ def localize(
         detections and frames has no effect.
 
     Raises:
-        InvalidInputError: if a detection or `silent` names a camera that the rig does not have,
-            there is a box in a picture that does not exist, a picture has more than 1,000 boxes
-            or an instant more than 5,000, or there are more or fewer names than cameras.
+        InvalidInputError: if a camera of a detection or of `silent` is not in the rig, a missing
+            picture has a box, a picture has more than 1,000 boxes or an instant more than 5,000, or
+            the number of names differs from that of cameras.
         InsufficientDataError: if fewer than two cameras are registered.
         ForkedProcessError: in a process forked after JAX was used.
 
@@ -118,7 +118,7 @@ def localize(
 
 
 def _why_none_is_used(detections: Detections, scene: Scene, settings: Settings) -> str:
-    """Say that there are no boxes, or which setting or rig leaves out all, and what to do."""
+    """Say that there are no boxes, or why all are left out, and what to do."""
     if not len(detections):
         return "There are no boxes, so nobody is found. Check the detector, or the file it wrote."
     none = f"None of the {len(detections)} boxes is used:"
@@ -138,7 +138,7 @@ def _why_none_is_used(detections: Detections, scene: Scene, settings: Settings) 
 
 
 def _why_nobody_is_found(frame: Int[np.ndarray, " n"], camera: Int[np.ndarray, " n"]) -> str:
-    """Say that no instant has boxes of two cameras, or else what to check."""
+    """Say that no instant has boxes of two cameras, or what else to check."""
     pictures = np.unique(np.stack([frame, camera], -1), axis=0)
     if len(np.unique(frame)) == len(pictures):
         return (
@@ -152,7 +152,7 @@ def _why_nobody_is_found(frame: Int[np.ndarray, " n"], camera: Int[np.ndarray, "
 
 
 def _faults(*checks: Callable[[], object]) -> tuple[str, ...]:
-    """The sentences of checks that fail: elsewhere these are errors, here the caller is warned."""
+    """List the sentences of failed checks, which are errors elsewhere but warnings here."""
     faults = []
     for check in checks:
         try:
@@ -165,10 +165,10 @@ def _faults(*checks: Callable[[], object]) -> tuple[str, ...]:
 def _missing_pictures(
     silent: Any, detections: Detections, scene: Scene, camera_names: Sequence[str] | None
 ) -> Int[np.ndarray, "k 2"]:
-    """(K, 2) frame and camera of pictures that do not exist.
+    """(K, 2) frame and camera of missing pictures.
 
     Raises:
-        InvalidInputError: if there is no such camera, or a box in one of these pictures.
+        InvalidInputError: if a camera does not exist, or one of these pictures has a box.
     """
     rows = as_pictures(silent)
     require_known_cameras(rows[:, 1], scene.rig.camera_count)
@@ -185,8 +185,8 @@ def usable(
     """Mark the detections that are confident enough and of a registered camera, (N,).
 
     Raises:
-        InvalidInputError: if a detection names a camera that the rig does not have, or a picture
-            has more boxes than any picture has people.
+        InvalidInputError: if a detection's camera is not in the rig, or a picture has more boxes
+            than there can be people.
         InsufficientDataError: if fewer than two cameras are registered.
     """
     rig = scene.rig

@@ -2,8 +2,8 @@
 
     python docs/hooks/constants_page.py
 
-The reasons are those of the settings. What the constants of the evidence method change is measured
-by `benchmarks/evidence_ablation.py --constants`, which writes `docs/evidence_effects.json`.
+The reasons come from the settings. `benchmarks/evidence_ablation.py --constants` measures the
+effects of the evidence method's constants, and writes them to `docs/evidence_effects.json`.
 """
 
 import dataclasses
@@ -25,8 +25,8 @@ EVIDENCE_HEAD = """\
 # Every constant of the evidence method
 
 All data use the same values; none was chosen for a scene. *Physical*: a size, speed or share of
-people, bodies, boxes or lenses. *Start*: an initial value that is replaced by an estimate from
-the sequence. *Decision*: how much evidence is required. *Numerical*: affects run time and the
+people, bodies, boxes or lenses. *Start*: an initial value that an estimate from the sequence
+replaces. *Decision*: how much evidence is required. *Numerical*: affects only run time and the
 last digits, not who is found. Lengths are in H0, the median person height of the sequence, so
 nothing depends on the scale of the scene; log-odds use the natural logarithm.
 
@@ -34,10 +34,10 @@ All are fields of `cf.settings.EvidenceSettings`. The modules have further const
 [listed below](#constants-of-the-modules): sizes of blocks, limits of iterations and searches,
 guards, and thresholds of warnings.
 
-The last two columns show what a constant changes: the change of MODA, in points, if it is halved
-and if it is doubled (shares stay below one). It is the mean over
+The last two columns show the change of MODA, in points, if a constant is halved or doubled (shares
+stay below one), averaged over
 {sets}.
-Less than {chance} points is chance: changing any constant by 2 % does as much.
+Changes below {chance} points are chance: changing any constant by 2 % has as much effect.
 
 `python benchmarks/evidence_ablation.py --constants DATA ...` measures the changes anew, and
 `python docs/hooks/constants_page.py` writes this page.
@@ -50,7 +50,7 @@ CALIBRATION_HEAD = """\
 # Every constant of rigs from people
 
 All data use the same values; none was chosen for a scene. *Physical*: a size or height of people,
-a property of boxes, cameras or lenses. *Start*: a value from which an estimate starts.
+a property of boxes, cameras or lenses. *Start*: the initial value of an estimate.
 *Decision*: how much evidence is required. *Numerical*: how thorough the search is, at the cost of
 run time. Lengths are in meters, angles in radians, pixels those of the original images.
 
@@ -74,13 +74,13 @@ COMMENTED = re.compile(r"^([A-Z][A-Z_0-9]*) = .*?  # (.+)$", re.MULTILINE)
 
 
 def shown(value: object) -> str:
-    """A constant as the table shows it."""
+    """Format a constant for the table."""
     parts = value if isinstance(value, tuple) else (value,)
     return ", ".join(str(part) if isinstance(part, int) else f"{part:g}" for part in parts)
 
 
 def evidence_page() -> str:
-    """The whole page of the evidence method."""
+    """Return the page of the evidence method."""
     measured = json.loads(EFFECTS.read_text("utf-8"))
     head = EVIDENCE_HEAD.format(sets=measured["sets"], chance=measured["chance"])
     rows = []
@@ -91,7 +91,7 @@ def evidence_page() -> str:
 
 
 def calibration_page() -> str:
-    """The whole page of rigs from people."""
+    """Return the page of rigs from people."""
     rows = [row for _, row in of_settings(CalibrationSettings)]
     folders = (
         "`catfree/calibration/people/`, and in `_evidence_loop.py` and\n`_confident_people.py` "
@@ -101,7 +101,7 @@ def calibration_page() -> str:
 
 
 def of_settings(settings: type) -> list[tuple[str, str]]:
-    """The name and the row of each constant of some settings."""
+    """Return the name and the row of each constant of some settings."""
     return [
         (
             field.name,
@@ -120,7 +120,7 @@ def whole(head: str, rows: list[str], folders: str, code: list[ModuleType]) -> s
 
 
 def of_modules(code: list[ModuleType]) -> list[str]:
-    """A row for each constant of modules and packages, from the comment beside it."""
+    """Make a row for each constant of modules and packages from the comment beside it."""
     rows = []
     for module in code:
         inside = pkgutil.walk_packages(getattr(module, "__path__", []), f"{module.__name__}.")

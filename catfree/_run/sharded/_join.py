@@ -55,11 +55,11 @@ if TYPE_CHECKING:
 # From the columns `PLACES` to whether each position is in the working area.
 Area = Callable[[Float[np.ndarray, "m 2"]], Bool[np.ndarray, " m"]]
 
-INSTANTS = 20_000  # at most so many teach the working area: an hour at five per second
+INSTANTS = 20_000  # at most, to learn the working area from: an hour at five per second
 
 
 def join(out: StrPath) -> Tracks:
-    """Join the finished shards of a recording to one table and read it.
+    """Join the finished shards of a recording into one table and read it.
 
     Args:
         out: the folder of the recording that the shards were written to.
@@ -78,7 +78,7 @@ def join(out: StrPath) -> Tracks:
 
 
 def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTracks:
-    """Do what `join` does with no more than one shard in memory.
+    """Join as `join` does, with at most one shard in memory.
 
     Each person gets one identity: tracks of neighboring shards are matched where the shards
     overlap, then fragments are joined across gaps by looks and motion, over all shards.

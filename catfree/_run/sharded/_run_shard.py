@@ -63,7 +63,7 @@ def run_shard(
     detector: Detector | FittedToCamera | None = None,
     embedder: Embedder | None = None,
 ) -> Receipt:
-    """Localize the people of one shard, unless that was done before.
+    """Localize the people of one shard, unless it is already finished.
 
     Shards may run in any order, at the same time and more than once. The receipt is written last:
     a shard that was killed has none and runs again.
@@ -191,7 +191,7 @@ def write_shard(
 
 
 def with_places(tracks: Tracks) -> "pyarrow.Table":
-    """The table of tracks, and how well the rig sees people at each position (`PLACES`)."""
+    """Make the table of tracks, with how well the rig sees people at each position (`PLACES`)."""
     arrow = require_pyarrow()
     table = tracks.to_arrow()
     for name in PLACES:
@@ -209,7 +209,7 @@ def run_fingerprint(
     detector: Any = None,
     embedder: Any = None,
 ) -> str:
-    """Hash of what is the same for all shards: scene, settings, networks and code."""
+    """Hash of what all shards share: scene, settings, networks and code."""
     return content_key("run", scene=scene, settings=settings, detector=detector, embedder=embedder)
 
 

@@ -31,7 +31,7 @@ MOST_SHARDS = 1_000_000
 
 
 def recording_name(site: str, date: str) -> str:
-    """Return site and date of a recording, as far as it has them, for messages."""
+    """Return site and date of a recording, if it has them, for messages."""
     return f"{site} {date}".strip()
 
 
@@ -44,20 +44,20 @@ class Shard:
         count: number of shards of the recording.
         first: first frame whose positions the shard reports.
         stop: frame after the last one.
-        first_seen: first frame that it looks at, earlier than `first` by half the overlap.
-        stop_seen: frame after the last one that it looks at.
+        first_seen: first frame that it uses, earlier than `first` by half the overlap.
+        stop_seen: frame after the last one that it uses.
         clock: time of the frames.
         source: fingerprint of the recording.
         videos: one video file or image folder per camera; empty if the shard comes from boxes.
         offsets: (C,) as `SynchronizedVideos` takes them, or None.
-        detections: the boxes of the frames that it looks at, or the path of a saved file or of a
+        detections: the boxes of the frames that it uses, or the path of a saved file or of a
             Parquet table; None if the shard comes from videos.
         site: name of the site, empty if there is only one.
         date: of the recording, empty if there is only one.
-        silent: camera, first frame and the frame after the last of each stretch of frames of which
-            boxes say nothing, because there are no pictures.
-        camera_names: names of the cameras of boxes for warnings, empty if they are not known;
-            those of videos are named by their files.
+        silent: camera, first frame and the frame after the last of each stretch of missing
+            pictures.
+        camera_names: names of the cameras of boxes for warnings, empty if unknown; those of videos
+            are named by their files.
     """
 
     index: int
@@ -84,7 +84,7 @@ class Shard:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of what the shard looks at and reports."""
+        """Hash of what the shard uses and reports."""
         return hash_parameters(
             "Shard",
             self.source,
@@ -125,8 +125,8 @@ def shards(
             identities are matched there.
         frame_rate: frames per second; None for that of the videos or of the detections' clock.
         offsets: as `SynchronizedVideos`, for videos.
-        silent: (K, 2) frame and camera of pictures that do not exist, as `localize` takes them, for
-            boxes; of videos it is known.
+        silent: (K, 2) frame and camera of missing pictures, as for `localize`, for boxes;
+            for videos they are known.
         site: name of the site if the plan holds shards of several.
         date: of the recording if the plan holds shards of several.
         camera_names: (C,) names of the scene's cameras for warnings about boxes, which give numbers
@@ -184,7 +184,7 @@ def _whole(
     frame_rate: float | int | None,
     offsets: Sequence[int] | None,
 ) -> Shard:
-    """The recording as a single shard."""
+    """Return the recording as a single shard."""
     if isinstance(recording, Detections | str | os.PathLike):
         if offsets is not None:
             raise InvalidInputError(
@@ -208,7 +208,7 @@ def _whole(
 
 
 def require_recording(recording: Any, name: str) -> None:
-    """Refuse a recording that is neither videos nor boxes."""
+    """Raise if a recording is neither videos nor boxes."""
     if not isinstance(recording, Detections | os.PathLike | Sequence):
         raise InvalidInputError(
             f"{name} must be a list of videos, Detections or a path, got "
@@ -248,7 +248,7 @@ def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -
 
 
 def boxes_of_shard(shard: Shard) -> Detections:
-    """Read the boxes that a shard looks at, on its clock.
+    """Read the boxes that a shard uses, on its clock.
 
     Raises:
         InvalidInputError: if the file does not exist or has changed since the plan was made.
@@ -268,7 +268,7 @@ def boxes_of_shard(shard: Shard) -> Detections:
 
 
 def silent_pictures(shard: Shard) -> Int[np.ndarray, "k 2"]:
-    """(K, 2) frame and camera of pictures that the boxes of a shard lack."""
+    """(K, 2) frame and camera of the missing pictures of a shard of boxes."""
     rows = [
         np.column_stack([np.arange(first, stop), np.full(stop - first, camera)])
         for camera, first, stop in shard.silent
@@ -302,7 +302,7 @@ def _stretches(rows: Int[np.ndarray, "k 2"]) -> tuple[tuple[int, int, int], ...]
 
 
 def open_shard_videos(shard: Shard) -> SynchronizedVideos:
-    """Open the instants of its videos that a shard looks at.
+    """Open the instants of a shard's videos that it uses.
 
     Raises:
         InvalidInputError: if a file does not exist or has changed since the plan was made.
@@ -323,7 +323,7 @@ def _open(
 
 
 def require_unchanged(shard: Shard) -> None:
-    """Raise if the files of a shard are not those that it was planned with.
+    """Raise if the files of a shard have changed since it was planned.
 
     Raises:
         InvalidInputError: naming the recording.
@@ -338,7 +338,7 @@ def require_unchanged(shard: Shard) -> None:
 
 
 def _hash_of_recording(recording: StrPath | tuple[str, ...]) -> str:
-    """Hash of the parts of a file of boxes, or of one video per camera, that tell a change."""
+    """Hash of the parts of a file of boxes, or of one video per camera, that reveal a change."""
     if isinstance(recording, tuple):
         return hash_parameters("videos", *map(hash_samples, recording))
     return hash_samples(recording)

@@ -80,13 +80,13 @@ class Site:
         image_size: (C, 2) width and height of each camera's images in pixels; needed to find the
             cameras from saved boxes.
         frame_rate: frames per second of saved boxes, or of images without times.
-        anchors: what is known about the site when its cameras are found from the people, as
-            `calibrate` takes it, or a JSON file that `read_anchors` reads.
-        silent: frame and camera number of pictures that do not exist, where the recording is saved
+        anchors: independent measurements of the site if its cameras are found from the people, as
+            for `calibrate`, or a JSON file for `read_anchors`.
+        silent: frame and camera number of missing pictures, where the recording is saved
             boxes, or a CSV or Parquet table with these columns, which may name the cameras of
             the scene.
-        unit: length of one unit of a scene whose file does not state it, as `read_scene` takes it;
-            None for meters.
+        unit: length of one unit of a scene whose file does not state it, as for `read_scene`; None
+            for meters.
     """
 
     name: str
@@ -117,8 +117,8 @@ def run_sites(
     A site that fails does not stop the others. Finished calibrations and shards are not repeated.
 
     Args:
-        sites: the recordings; several of one site, told apart by their date, share its cameras, be
-            it in one call or in several with the same `out`.
+        sites: the recordings; those of one site, distinguished by their dates, share its cameras,
+            in one call or in several with the same `out`.
         out: folder of the results, with a folder `site=.../date=...` per recording, which readers
             of Parquet folders take as columns.
         every: seconds per shard.
@@ -237,7 +237,7 @@ def _absolute(value: Any) -> Any:
 
 
 def _silent(site: Site, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"] | None:
-    """(K, 2) frame and camera of the pictures that a site lacks; None if it states none."""
+    """(K, 2) frame and camera of the missing pictures of a site; None if it states none."""
     if isinstance(site.silent, str):
         return read_missing_pictures(site.silent, camera_names)
     return as_pictures(site.silent) if site.silent else None
@@ -400,7 +400,7 @@ def _read_scene(path: str, site: Site) -> tuple[Scene, Sequence[str] | None]:
     """Read the scene of a site, its cameras in the order of the videos, and their names.
 
     Raises:
-        InvalidInputError: if the names of cameras and videos do not tell which belongs to which.
+        InvalidInputError: if cameras and videos cannot be matched by name.
     """
     scene, names = read_scene(path, unit=site.unit or "m")
     if names is None or isinstance(site.recording, str):
@@ -486,7 +486,7 @@ def _footage(
 
 
 def _spread(plan: Sequence[Shard]) -> list[Shard]:
-    """The middle first, then the middles of the halves, then those of the quarters."""
+    """Order items: the middle first, then the middles of the halves, then of the quarters."""
     indices = [
         numerator * len(plan) // parts for parts in (2, 4, 8) for numerator in range(1, parts, 2)
     ]

@@ -65,7 +65,7 @@ class CameraBoxes:
         detections: of all cameras.
         camera_names: (C,) names; `detections.camera` indexes them.
         image_size: (C, 2) width and height in pixels, or None if the files do not state them.
-        silent: (K, 2) frame and camera of pictures that do not exist.
+        silent: (K, 2) frame and camera of missing pictures.
         offsets: (C,) the frame of each camera's video that shows frame 0; () if all are 0.
     """
 
@@ -237,7 +237,7 @@ def write_missing_pictures(
 
     Args:
         path: a CSV file.
-        silent: (K, 2) frame and camera of pictures that do not exist.
+        silent: (K, 2) frame and camera of missing pictures.
         camera_names: (C,) names of the cameras.
 
     Returns:

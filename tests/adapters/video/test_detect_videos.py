@@ -166,7 +166,7 @@ def test_detectors_that_answer_something_else_are_named(people, message, tmp_pat
 @pytest.mark.parametrize(
     ("part", "message"),
     [
-        (BackgroundDetector, r"class BackgroundDetector. Pass an instance of it: Background"),
+        (BackgroundDetector, r"is the class BackgroundDetector. Pass an instance of it: Backg"),
         ("yolox.onnx", "must be a callable such as those of catfree.adapters, got 'yolox.onnx'"),
     ],
 )
