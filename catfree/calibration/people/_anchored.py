@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import compress
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy  # scipy.stats is slow to import, so it is loaded on use
 from jaxtyping import Bool, Float
@@ -35,7 +37,9 @@ from catfree.calibration.people.anchors._measurements import (
     linearize,
     map_cameras,
     measurements_of,
+    stack,
 )
+from catfree.calibration.people.anchors._mixed_model import MixedFit, fit_mixed_model
 from catfree.calibration.people.cameras._camera_model import (
     LOG_FOCAL,
     PAN,
@@ -46,13 +50,12 @@ from catfree.calibration.people.cameras._camera_model import (
 )
 from catfree.calibration.people.cameras._rig_deviation import scale_deviation, shape_deviation
 from catfree.errors import CalibrationError, InvalidInputError, shortened
+from catfree.geometry._buckets import padded
 from catfree.settings import CalibrationSettings
 from catfree.types import GeoReference
 from catfree.types._validation import shown_camera
 
-ROUNDS = 20  # of linearization; a fit takes four
 FARTHEST = 20.0  # logarithm of the scale or a focal length at which a fit has diverged
-CONVERGED = 1e-9  # meters, radians and relative
 SAME = 1e-6  # difference of two sums of squares due to rounding
 UNKNOWN = 1e3  # relative standard deviation of an unknown height
 FLATTEST = 0.01  # radians below the horizon; pixels must see nearer ground
@@ -73,26 +76,6 @@ class _Innovation(NamedTuple):
     off: Float[np.ndarray, " d"]
     covariance: Float[np.ndarray, "d d"]
     log_p: float
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """Cameras and map frame fitted to the measurements in use.
-
-    Attributes:
-        cameras: (C, 7) in the frame of the people.
-        frame: (4,) the map frame.
-        covariance: (7C + 4, 7C + 4) of both.
-        innovations: one per usable measurement, in use or not; the last is that of the crowd's
-            height.
-        misfit: sum of squares of the standardized residuals.
-    """
-
-    cameras: Float[np.ndarray, "cam 7"]
-    frame: Float[np.ndarray, "4"]
-    covariance: Float[np.ndarray, "n n"]
-    innovations: list[_Innovation]
-    misfit: float
 
 
 def anchored(
@@ -144,14 +127,14 @@ def anchored(
     people = Measurement(None, PEOPLE, 0, np.zeros((2, 2)), np.zeros(1), deviation, 0.0)
     unusual = settings.unusual_height_sd / settings.person_height
     problem = _Problem([*usable, people], cameras, _prior(calibration), start, unusual)
-    chosen, fit = _consistent(problem, np.log(settings.anchor_level))
-    results = zip(fit.innovations, chosen.tolist(), strict=True)
+    chosen, fit, innovations = _consistent(problem, np.log(settings.anchor_level))
+    results = zip(innovations, chosen.tolist(), strict=True)
     found = [next(results) if registered[m.camera] else (None, False) for m in stated]
     checks = [
         _check(m, innovation, calibration, camera_names, used=is_used)
         for m, (innovation, is_used) in zip([*stated, people], [*found, *results], strict=True)
     ]
-    innovation = fit.innovations[-1]
+    innovation = innovations[-1]
     if innovation.log_p < np.log(settings.anchor_level):
         tall = calibration.crowd_height * np.exp(-innovation.off[0])
         raise CalibrationError(
@@ -197,21 +180,17 @@ class _Problem:
         It is infinite if the map frame is no longer determined, or the fit diverges.
         """
         if at == len(chosen) - 1:
-            return self.fit(chosen, UNKNOWN).misfit
+            return float(self.fit(chosen, UNKNOWN).misfit)
         rest = chosen & (np.arange(len(chosen)) != at)
         if len(_start(list(compress(self.measured, rest)), self.cameras)) < len(self.start):
             return np.inf
         try:
-            return self.fit(rest).misfit
+            return float(self.fit(rest).misfit)
         except CalibrationError:
             return np.inf
 
-    def fit(self, chosen: Bool[np.ndarray, " u"], crowd: float | None = None) -> _Fit:
+    def fit(self, chosen: Bool[np.ndarray, " u"], crowd: float | None = None) -> MixedFit:
         """Fit cameras and map frame to the chosen measurements and the crowd's height.
-
-        Source: Gauss-Newton for observations with unknown and with random parameters ("mixed
-            model"), and the test of each observation against the others of Baarda (1968), "A
-            testing procedure for use in geodetic networks".
 
         Args:
             chosen: (m + 1,) the measurements to fit, and last whether the crowd's height is usual.
@@ -224,55 +203,47 @@ class _Problem:
         if crowd is None:
             crowd = self.measured[-1].sd if chosen[-1] else self.unusual
         people = self.measured[-1]._replace(sd=crowd)
-        try:
-            return self._fit(chosen, people)
-        except np.linalg.LinAlgError as error:
-            raise self.contradiction() from error
+        with jax.enable_x64(True):
+            stated = stack([*self.measured[:-1], people])
+            found = fit_mixed_model(
+                stated,
+                padded(np.append(chosen[:-1], True), len(stated.kind)),
+                jnp.asarray(self.cameras),
+                jnp.asarray(self.prior),
+                padded(self.start, 4),
+                jnp.arange(4) < len(self.start),
+            )
+        fit = jax.tree.map(np.asarray, found)
+        logarithms = np.append(fit.cameras[:, LOG_FOCAL], fit.frame[0])
+        if not (np.abs(logarithms).max() < FARTHEST and np.isfinite(fit.misfit)):
+            raise self.contradiction()
+        return fit
 
-    def _fit(self, chosen: Bool[np.ndarray, " u"], people: Measurement) -> _Fit:
-        measured = [*compress(self.measured[:-1], chosen), people]
-        prior, fixed = self.prior, 4 - len(self.start)
-        at, frame = self.cameras, np.pad(self.start, (0, fixed))
-        change, rounds = np.inf, 0
-        while True:
-            J, noise, off = linearize(measured, at, frame)
-            A, G = J[:, : at.size], J[:, at.size : at.size + len(self.start)]
-            off = off + A @ (at - self.cameras).ravel()
-            gain = prior @ A.T
-            W = np.linalg.inv(A @ prior @ A.T + scipy.linalg.block_diag(*noise))
-            WG = W @ G
-            Q = np.linalg.inv(G.T @ WG)
-            M = W - WG @ Q @ WG.T
-            if change < CONVERGED or rounds == ROUNDS:
-                break
-            moved = self.cameras + (gain @ M @ off).reshape(-1, 7)
-            step = Q @ G.T @ W @ off
-            change = max(np.abs(step).max(), np.abs(moved - at).max())
-            at, frame, rounds = moved, frame + np.pad(step, (0, fixed)), rounds + 1
-            if not np.abs(np.append(at[:, LOG_FOCAL], frame[0])).max() < FARTHEST:
-                raise self.contradiction()
-        # Propagate the errors of the people's cameras and of the measurements: in this form, the
-        # covariance is positive definite even with exact measurements.
-        K, H = gain @ M, Q @ G.T @ W
-        error_of = np.block([[np.eye(len(prior)) - K @ A, -K], [-H @ A, -H]])
-        free = error_of @ scipy.linalg.block_diag(prior, *noise) @ error_of.T
-        joint = np.pad(free, (0, fixed))
-        error = M @ off
-        ends = np.cumsum([len(block) for block in noise])
-        inside = zip(noise, np.split(np.arange(len(M)), ends[:-1]), strict=True)
-        innovations = []
-        for m, is_chosen in zip(self.measured, chosen.tolist(), strict=True):
-            if is_chosen or m.kind == PEOPLE:
-                block, k = next(inside)
-                innovations.append(_innovation(block, M[np.ix_(k, k)], error[k]))
+    def innovations(self, fit: MixedFit, chosen: Bool[np.ndarray, " u"]) -> list[_Innovation]:
+        """Compare each measurement, in use or not, and last the crowd's height with all others.
+
+        Source: Baarda (1968), "A testing procedure for use in geodetic networks".
+        """
+        slopes, noise, off = map(np.asarray, fit.compared)
+        covariance, information, error = map(
+            np.asarray, (fit.covariance, fit.information, fit.error)
+        )
+        found = []
+        for at, m in enumerate(self.measured):
+            own = slice(len(m.value))
+            block, k = noise[at, own, own], 3 * at + np.arange(len(m.value))
+            if chosen[at] or m.kind == PEOPLE:
+                found.append(_innovation(block, information[np.ix_(k, k)], error[k]))
             else:
-                J, (block,), apart = linearize([m], at, frame)
-                information = np.linalg.inv(J @ joint @ J.T + block)
-                innovations.append(_innovation(block, information, information @ apart))
-        return _Fit(at, frame, joint, innovations, float(off @ error))
+                J = slopes[at, own]
+                alone = np.linalg.inv(J @ covariance @ J.T + block)
+                found.append(_innovation(block, alone, alone @ off[at, own]))
+        return found
 
 
-def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"], _Fit]:
+def _consistent(
+    problem: _Problem, least: float
+) -> tuple[Bool[np.ndarray, " u"], MixedFit, list[_Innovation]]:
     """Set aside contradicting measurements one by one, until none contradicts the others.
 
     Of those that contradict, the one without which the others agree best is set aside; the crowd's
@@ -284,8 +255,8 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
         least: log probability below which a difference is a contradiction.
 
     Returns:
-        A mask of the m measurements in use and, last, of the usual height of the crowd; and the
-        fit.
+        A mask of the m measurements in use and, last, of the usual height of the crowd; the fit;
+        and the innovation of each measurement.
 
     Raises:
         CalibrationError: if the map frame is not determined by what remains, or the fit diverges.
@@ -295,7 +266,8 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
     returned = np.arange(crowd + 1) == crowd  # the crowd never returns
     while True:
         fit = problem.fit(chosen)
-        log_p = np.array([innovation.log_p for innovation in fit.innovations])
+        innovations = problem.innovations(fit, chosen)
+        log_p = np.array([innovation.log_p for innovation in innovations])
         against = np.flatnonzero(chosen & (log_p < least))
         if len(against):
             left = [problem.misfit_without(chosen, int(at)) for at in against]
@@ -308,7 +280,7 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
             continue
         again = np.flatnonzero(~chosen & ~returned & (log_p >= least))
         if not len(again):
-            return chosen, fit
+            return chosen, fit, innovations
         chosen[again[0]] = returned[again[0]] = True
 
 
@@ -355,8 +327,9 @@ def _start(
     distinct = len(np.unique(places, axis=0))
     if distinct + bool(turned) < 2:
         return np.zeros(1)
-    level = [m._replace(value=m.value[:2]) for m in on]
-    points = places - linearize(level, cameras, np.zeros(4))[2].reshape(-1, 2)
+    with jax.enable_x64(True):
+        compared = linearize(stack(on), jnp.asarray(cameras), jnp.zeros(4))
+        points = places - np.asarray(compared.off)[: len(on), :2]
     if distinct > 1:
         # In complex numbers, a rotation times a scale is one factor.
         near, far = ((xy - xy.mean(0)) @ np.array([1, 1j]) for xy in (points, places))
@@ -466,14 +439,14 @@ def _amount(kind: int, value: float) -> str:
 
 def _described(
     calibration: Calibration,
-    fit: _Fit,
+    fit: MixedFit,
     checks: tuple[AnchorCheck, ...],
     earth: GeoReference | None,
 ) -> Calibration:
     """Describe the fitted cameras as a calibration in the frame of the anchors."""
     rig, count = calibration.scene.rig, len(fit.cameras)
     known = rig.registered
-    cameras, J = map_cameras(fit.cameras, fit.frame)
+    cameras, J = map_cameras(np.asarray(fit.cameras), np.asarray(fit.frame))
     covariance = (J @ fit.covariance @ J.T).reshape(count, 7, count, 7)
     focal = np.exp(cameras[:, LOG_FOCAL])
     lenses = RadialLenses(np.asarray(rig.K, np.float64)[:, 0, 0], radial_distortion(rig))

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy  # scipy.linalg is slow to import, so it is loaded on use
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from catfree.calibration.people._radial_lens import ideal_pixels
 from catfree.calibration.people.anchors._anchors import (
@@ -156,57 +156,92 @@ def quantity(
     return jnp.stack([distance, height, focal, position, angles, point, people])[kind]
 
 
-@jax.jit
-def _quantities(
-    camera: Float[Array, "n 7"],
-    frame: Float[Array, "4"],
-    pixels: Float[Array, "n 4"],
-    kind: Int[Array, " n"],
-) -> tuple[Array, tuple[Array, Array, Array]]:
-    axes = (0, None, 0, 0)
-    value = jax.vmap(quantity, axes)(camera, frame, pixels, kind)
-    derivatives: Any = jax.jacfwd(quantity, (0, 1, 2))
-    return value, jax.vmap(derivatives, axes)(camera, frame, pixels, kind)
+class Stated(NamedTuple):
+    """Measurements as arrays of n rows, some of which are empty.
 
-
-def linearize(
-    measurements: Sequence[Measurement],
-    cameras: Float[np.ndarray, "cam 7"],
-    frame: Float[np.ndarray, "4"],
-) -> tuple[Float[np.ndarray, "k n"], list[Float[np.ndarray, "d d"]], Float[np.ndarray, " k"]]:
-    """Compare k stated numbers with those predicted from cameras and a map frame.
-
-    Returns:
-        (k, 7C + 4) derivatives of the predictions with respect to the cameras and the map frame;
-        (d, d) covariance of each stated value, including that of its pixels; and (k,) stated minus
-        predicted, angles modulo a full turn.
+    Attributes:
+        kind: (n,) index into `QUANTITIES`.
+        camera: (n,) index of the camera.
+        pixels: (n, 4) two pixels from the image center.
+        value: (n, 3) the stated numbers.
+        present: (n, 3) mask of the numbers that a row has.
+        sd: (n,) standard deviation of each number.
+        pixel_sd: (n,) standard deviation of each pixel coordinate.
     """
+
+    kind: Int[Array, " n"]
+    camera: Int[Array, " n"]
+    pixels: Float[Array, "n 4"]
+    value: Float[Array, "n 3"]
+    present: Bool[Array, "n 3"]
+    sd: Float[Array, " n"]
+    pixel_sd: Float[Array, " n"]
+
+
+class Linearized(NamedTuple):
+    """Stated numbers compared with those predicted from cameras and a map frame; 0 if absent.
+
+    Attributes:
+        slopes: (n, 3, 7C + 4) derivatives of the predictions with respect to the cameras and the
+            map frame.
+        noise: (n, 3, 3) covariance of each stated value, including that of its pixels.
+        off: (n, 3) stated minus predicted, angles modulo a full turn.
+    """
+
+    slopes: Float[Array, "n 3 k"]
+    noise: Float[Array, "n 3 3"]
+    off: Float[Array, "n 3"]
+
+
+def stack(measurements: Sequence[Measurement]) -> Stated:
+    """Stack measurements, padded with empty rows so that few sizes are compiled."""
     count = len(measurements)
-    length = max(count + -count % 8, 8)  # padded, so that few sizes are compiled
-    camera = np.array([m.camera for m in measurements], int)
-    pixels = np.array([m.pixels for m in measurements]).reshape(-1, 4)
-    kind = np.array([m.kind for m in measurements], int)
-    with jax.enable_x64(True):
-        value, slopes = _quantities(
-            padded(cameras[camera], length),
-            jnp.asarray(frame),
-            padded(pixels, length),
-            padded(kind, length),
-        )
-        value, by_camera, by_frame, by_pixel = (np.asarray(a)[:count] for a in (value, *slopes))
     sizes = np.array([len(m.value) for m in measurements], int)
-    owner, row = np.nonzero(np.arange(3) < sizes[:, None])
-    by_cameras = np.zeros((len(owner), *cameras.shape))
-    by_cameras[np.arange(len(owner)), camera[owner]] = by_camera[owner, row]
-    off = np.array([v for m in measurements for v in m.value]) - value[owner, row]
-    noise = [
-        m.sd**2 * np.eye(size) + m.pixel_sd**2 * slope[:size] @ slope[:size].T
-        for m, slope, size in zip(measurements, by_pixel, sizes, strict=True)
-    ]
-    return (
-        np.hstack([by_cameras.reshape(len(owner), cameras.size), by_frame[owner, row]]),
-        noise,
-        np.where(kind[owner] == ROTATION, (off + np.pi) % (2 * np.pi) - np.pi, off),
+    present = np.arange(3) < sizes[:, None]
+    value = np.zeros((count, 3))
+    value[present] = [v for m in measurements for v in m.value]
+    rows = (
+        np.array([m.kind for m in measurements], int),
+        np.array([m.camera for m in measurements], int),
+        np.array([m.pixels for m in measurements]).reshape(-1, 4),
+        value,
+        present,
+        np.array([m.sd for m in measurements]),
+        np.array([m.pixel_sd for m in measurements]),
+    )
+    length = max(count + -count % 8, 8)
+    return Stated(*(padded(array, length) for array in rows))
+
+
+@jax.jit
+def linearize(
+    stated: Stated, cameras: Float[Array, "cam 7"], frame: Float[Array, "4"]
+) -> Linearized:
+    """Compare stated numbers with those predicted from cameras and a map frame.
+
+    Args:
+        stated: (n,) measurements.
+        cameras: (C, 7) in the frame of the people.
+        frame: (4,) the map frame.
+    """
+    axes = (0, None, 0, 0)
+    given = cameras[stated.camera], frame, stated.pixels, stated.kind
+    derivatives: Any = jax.jacfwd(quantity, (0, 1, 2))
+    value = jax.vmap(quantity, axes)(*given)
+    by_camera, by_frame, by_pixel = jax.vmap(derivatives, axes)(*given)
+    own = jax.nn.one_hot(stated.camera, len(cameras), dtype=value.dtype)
+    by_cameras = by_camera[:, :, None, :] * own[:, None, :, None]
+    slopes = jnp.concatenate([by_cameras.reshape(*value.shape, cameras.size), by_frame], -1)
+    off = stated.value - value
+    turned = stated.kind[:, None] == ROTATION
+    off = jnp.where(turned, (off + jnp.pi) % (2 * jnp.pi) - jnp.pi, off)
+    variance, of_pixels = stated.sd[:, None, None] ** 2, stated.pixel_sd[:, None, None] ** 2
+    noise = variance * jnp.eye(3, dtype=value.dtype)[None] + of_pixels * by_pixel @ by_pixel.mT
+    present = stated.present[:, :, None]
+    return Linearized(
+        jnp.where(present, slopes, 0),
+        jnp.where(present & present.mT, noise, 0),
+        jnp.where(stated.present, off, 0),
     )
 
 
