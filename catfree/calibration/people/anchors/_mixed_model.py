@@ -1,7 +1,7 @@
 """Fit the people's cameras and a map frame to measurements.
 
-Of the cameras a covariance is known, of the map frame nothing. The linear step is solved in the
-space of the measurements, so that these may be exact.
+The covariance of the cameras is known; nothing is known about the map frame. Each linear step is
+solved in the space of the measurements, so measurements may be exact.
 """
 
 from typing import Any, NamedTuple
@@ -25,10 +25,10 @@ class MixedFit(NamedTuple):
         cameras: (C, 7) in the frame of the people.
         frame: (4,) the map frame.
         covariance: (7C + 4, 7C + 4) of both.
-        compared: all measurements, with the fit.
-        information: (3n, 3n) inverse covariance of stated minus predicted numbers, 0 for those
-            that are not in use.
-        error: (3n,) `information` times stated minus predicted, at the people's cameras.
+        compared: all measurements, compared with the fit.
+        information: (3n, 3n) inverse covariance of stated minus predicted numbers; 0 for numbers
+            not in use.
+        error: (3n,) `information` times stated minus predicted, linearized to the people's cameras.
         misfit: sum of squares of the standardized residuals.
     """
 
@@ -58,7 +58,7 @@ def fit_mixed_model(
         cameras: (C, 7) cameras from the people.
         prior: (7C, 7C) their covariance.
         start: (4,) the map frame to start from.
-        free: (4,) which of its entries the measurements determine; the others stay.
+        free: (4,) mask of its entries that the measurements determine; the others stay.
 
     Source:
         Gauss-Newton for observations with unknown and with random parameters ("mixed model").
