@@ -160,6 +160,11 @@ def open_detections_table(path: StrPath) -> Any:
                 f"The folder {source} holds Parquet tables and other files, such as {other.name}. "
                 "Name the file with the boxes, or a folder of the tables alone."
             )
+    if source.suffix.lower() in (".csv", ".json", ".txt"):
+        raise FileFormatError(
+            f"{source} is not Parquet. Read it with `cf.read_detections`, and pass the detections "
+            "or write them with `write_detections_parquet`."
+        )
     with reading(source):
         opened = open_dataset(source)
         names = opened.schema.names

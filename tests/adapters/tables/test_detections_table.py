@@ -121,6 +121,13 @@ def test_other_files_are_refused(tmp_path):
         read_detections_parquet(path)
 
 
+def test_a_text_file_is_refused_with_what_reads_it(tmp_path):
+    path = tmp_path / "boxes.csv"
+    path.write_text("frame,camera,x1,y1,x2,y2\n0,0,1,2,3,4\n")
+    with pytest.raises(FileFormatError, match=r"Read it with `cf\.read_detections`"):
+        read_detections_parquet(path)
+
+
 @pytest.mark.parametrize(
     ("clock", "sentence"),
     [
