@@ -109,7 +109,7 @@ def _result(cameras: int, detection_count: int) -> Localization:
         moda_high=80.0,
         ground_height=float("nan"),
         lens_bend=0.001,
-        pattern_share=0.1,
+        shift_over_radius=0.1,
         least_together=float("nan"),
         rig_sd_over_radius=0.1,
     )

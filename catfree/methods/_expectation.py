@@ -15,10 +15,10 @@ It is valid for
 - errors that differ between cameras. An error that all cameras share (a wrong scale, a ground that
   is too high) shifts all positions and cannot be detected without labels.
 
-Where the residuals of a camera have a pattern that a wrong lens, a clock or a move of the camera
-leaves, two cameras do not see the same people, or the cameras were found from people with a
-deviation that reaches the radius within which a position counts, at most half is expected, with a
-note.
+At most half is expected, with a note, if the residuals of a camera show a wrong lens, if they show
+a clock error or a camera movement that displaces people by half the radius within which a position
+counts, if two cameras do not see the same people, or if two standard deviations of cameras from
+people exceed that radius.
 
 Slightly outside the fitted range of a number the function is extrapolated, and the interval widened
 by the change due to the extrapolation. Far outside the result is NaN. Both cases add a note.
@@ -30,12 +30,14 @@ from collections.abc import Sequence
 
 from catfree.methods._expectation_fits import FITS, Fit
 from catfree.methods.evidence.report._lens_pattern import NOTICEABLE
-from catfree.methods.evidence.report._residual_patterns import LARGEST_SHARE, LEAST_TOGETHER
+from catfree.methods.evidence.report._residual_patterns import LEAST_TOGETHER
 from catfree.settings import Settings
 from catfree.types import Localization, Reliability
 
 DOUBTED = 50.0  # percent: the most that is expected of cameras that the boxes contradict
-SURE = 2.0  # standard deviations of the cameras that must fit into the radius
+SURE = (
+    2.0  # so many standard deviations of the cameras, or shifts of people, must fit in the radius
+)
 FARTHEST = 0.5  # share of a fitted range by which a number may exceed it
 
 
@@ -108,11 +110,11 @@ def expect_moda(
 
 def _doubt(reliability: Reliability) -> str | None:
     """Say why the cameras may be wrong: patterns that no cameras in order leave, or few people."""
-    bend, share = reliability.lens_bend, reliability.pattern_share
+    bend, shift = reliability.lens_bend, reliability.shift_over_radius
     together, deviation = reliability.least_together, reliability.rig_sd_over_radius
     if (
         (bend is not None and bend > NOTICEABLE)
-        or (share is not None and share > LARGEST_SHARE)
+        or (shift is not None and SURE * shift > 1)
         or (together is not None and together < LEAST_TOGETHER)
     ):
         return "The boxes contradict the cameras; the warnings of the result say how."

@@ -123,16 +123,16 @@ def test_other_settings_have_no_expectation():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("bend", "share", "together", "contradicted"),
-    [(None, None, None, False), (0.01, 0.05, 1.0, False), (0.0, 0.05, math.nan, False),
-     (0.0, 0.5, 1.0, True), (0.0, 0.05, 0.2, True), (0.04, 0.05, 1.0, True)],
+    ("bend", "shift", "together", "contradicted"),
+    [(None, None, None, False), (0.01, 0.4, 1.0, False), (0.0, 0.4, math.nan, False),
+     (0.0, 0.6, 1.0, True), (0.0, 0.05, 0.2, True), (0.04, 0.05, 1.0, True)],
 )  # fmt: skip
 def test_little_is_expected_of_cameras_that_the_boxes_contradict(
-    bend, share, together, contradicted
+    bend, shift, together, contradicted
 ):
     plain = expect_moda(SUMMARY, cf.Settings.paper())
     summary = dataclasses.replace(
-        SUMMARY, lens_bend=bend, pattern_share=share, least_together=together
+        SUMMARY, lens_bend=bend, shift_over_radius=shift, least_together=together
     )
     found = expect_moda(summary, cf.Settings.paper())
     if contradicted:

@@ -119,7 +119,7 @@ def describe(
         expected_recall=recall,
         ground_height=height,
         lens_bend=float(bend.max(initial=0.0)),
-        pattern_share=patterns.largest_share if patterns else None,
+        shift_over_radius=patterns.largest_shift / settings.report_radius if patterns else None,
         least_together=patterns.least_together if patterns else None,
         rig_sd_over_radius=None if scene.rig_sd is None else scene.rig_sd / radius,
     )

@@ -130,8 +130,9 @@ class Reliability(eqx.Module):
         lens_bend: apparent error of a camera's lens model: the largest angle in radians between
             people near the border of its image and where the other cameras see them; 0 if not
             significant, None if the method does not estimate it.
-        pattern_share: largest share of the variance of a camera's residuals that a clock error or a
-            camera movement explains, beyond chance; None if the method does not estimate it.
+        shift_over_radius: distance by which the clock error or the movement of a camera displaces
+            people, maximum over cameras in whose residuals it shows clearly, divided by the same
+            radius as sigma; None if the method does not estimate it.
         least_together: how often two cameras see a walking person together, relative to the rate
             expected if they missed people independently; minimum over pairs, NaN or None if
             unknown.
@@ -153,7 +154,7 @@ class Reliability(eqx.Module):
     expectation_note: str | None = eqx.field(default=None, static=True)
     ground_height: float | None = None
     lens_bend: float | None = None
-    pattern_share: float | None = None
+    shift_over_radius: float | None = None
     least_together: float | None = None
     rig_sd_over_radius: float | None = None
 

@@ -120,7 +120,7 @@ def test_an_empty_result_is_sound():
         ("reliability.expected_moda", np.inf),
         ("reliability.moda_high", np.nan),
         ("reliability.ground_height", -np.inf),
-        ("reliability.pattern_share", np.nan),
+        ("reliability.shift_over_radius", np.nan),
         ("thresholds.tau_g", np.nan),
         ("thresholds.median_box_height", np.inf),
         ("thresholds.extension_appearance", np.nan),

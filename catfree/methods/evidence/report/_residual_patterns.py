@@ -90,17 +90,23 @@ class Patterns(NamedTuple):
 
     Attributes:
         explained: the `Explained` of all cameras, with a leading camera axis.
+        shift: (C, 2) distance in H0 by which the clock and the move displace people who walk.
         together: (C, C) `seen_together` of the faster half of the people, because standing people
             do not reveal clock errors.
     """
 
     explained: Explained
+    shift: Float[np.ndarray, "cam 2"]
     together: Float[np.ndarray, "cam cam"]
 
     @property
-    def largest_share(self) -> float:
-        """Largest share of the variance of any camera's residuals that a pattern explains."""
-        return float(np.max(self.explained.share, initial=0.0))
+    def largest_shift(self) -> float:
+        """Largest shift of any camera with a strong pattern, in H0.
+
+        Exact boxes show errors that displace people by less than their positions are off.
+        """
+        strong = self.explained.share > LARGEST_SHARE
+        return float(np.max(self.shift, initial=0.0, where=strong))
 
     @property
     def least_together(self) -> float:
@@ -150,7 +156,7 @@ def residual_patterns(state: EvidenceState) -> Patterns | None:
         np.stack([trails.track[rows], frame // BLOCK], -1), axis=0, return_inverse=True
     )
     velocity = np.nan_to_num(trails.mean[rows, 3:])
-    explained_by_camera = []
+    explained_by_camera, pixels_by_camera = [], []
     boxes, views, field = state.boxes, state.views, state.noise.field
     for camera, sightings in enumerate(
         sightings_by_camera(trails.mean[rows, :3], member, measurements, boxes.view, views)
@@ -167,10 +173,17 @@ def residual_patterns(state: EvidenceState) -> Patterns | None:
         explained_by_camera.append(
             explained(residual, columns * sightings.precision[..., None], block[sightings.person])
         )
+        # Pixels per H0 of a foot that moves across the image, and along the view.
+        pixels = np.linalg.norm(sightings.slopes[:, ::2, :2], axis=-1)
+        pixels_by_camera.append(np.median(pixels, axis=0) if len(pixels) else np.ones(2))
     speed = np.linalg.norm(velocity, axis=1)
     walks = speed >= np.median(speed)
+    found = Explained(*map(np.array, zip(*explained_by_camera, strict=True)))
+    late = np.abs(found.coefficient[:, 0]) * np.median(speed[walks])
+    moved = np.hypot(*(found.coefficient[:, 1:] / np.maximum(pixels_by_camera, 1e-9)).T)
     return Patterns(
-        Explained(*map(np.array, zip(*explained_by_camera, strict=True))),
+        found,
+        np.column_stack([late, moved]),
         seen_together(member[walks] >= 0, state.existence.rate[group][walks]),
     )
 
