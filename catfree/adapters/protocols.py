@@ -62,7 +62,7 @@ class Detector(Protocol):
     picture without people gives zero rows, not an error. Equal pictures give equal rows.
 
     `fingerprint` identifies weights and parameters by content: detectors with equal fingerprints
-    give equal rows for equal pictures, so that it can be used as a cache key.
+    give equal rows for equal pictures, so it can be used as a cache key.
 
     A detector may have an attribute `box_slack`, the share of its height by which a box is taller
     than the person; without it, calibration from people assumes the slack of learned detectors.
@@ -83,7 +83,7 @@ class BatchDetector(Detector, Protocol):
     """A detector that is faster on several pictures at once, for instance all cameras' frames."""
 
     def detect_batch(self, images: Sequence[Image]) -> list[FrameDetections]:
-        """Return the rows that one call per picture gives; the pictures may differ in size."""
+        """Return the same rows as one call per picture; the pictures may differ in size."""
         ...
 
 
@@ -126,8 +126,8 @@ class Embedder(Protocol):
     """An embedder of people's appearance: `embedder(image, box) -> (n, D)`.
 
     Boxes are (n, 4) x1, y1, x2, y2 in pixels of the picture and may cross its border. Each row has
-    unit length, so that `1 - a · b` is a cosine distance in [0, 2]; zero boxes give (0, D).
-    `fingerprint` is that of `Detector`.
+    unit length, so `1 - a · b` is a cosine distance in [0, 2]; zero boxes give (0, D).
+    `fingerprint` is as in `Detector`.
     """
 
     @property
@@ -145,8 +145,7 @@ class Reconstructor(Protocol):
     """A reconstructor of cameras and points from one instant: `reconstructor(images)`.
 
     `images` holds one picture per camera, in the order of the cameras; sizes may differ. The result
-    has its own frame and scale, which may differ between calls. `fingerprint` is that of
-    `Detector`.
+    has its own frame and scale, which may differ between calls. `fingerprint` is as in `Detector`.
     """
 
     @property
@@ -161,11 +160,11 @@ class Reconstructor(Protocol):
 
 @runtime_checkable
 class RaySource(Protocol):
-    """Cameras of any lens: `source(camera, pixels)` gives the rays of a camera's pixels.
+    """Cameras with any lens: `source(camera, pixels)` gives the rays of a camera's pixels.
 
     `pixels` is (n, 2) in original image pixels; the result is (n, 3) unit vectors in camera axes (x
     right, y down, z forward). Neighboring pixels have neighboring rays. `catfree.rig_from_rays`
-    makes a rig of it.
+    turns it into a rig.
     """
 
     def __call__(self, camera: int, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
@@ -175,10 +174,9 @@ class RaySource(Protocol):
 
 @runtime_checkable
 class SceneSource(Protocol):
-    """Anything that has a scene: what `cf.calibrate`, `cf.refine` and `cf.run_stages` return.
+    """Anything with a scene, such as the results of `cf.calibrate`, `cf.refine`, `cf.run_stages`.
 
-    `cf.run` takes it in place of a `Scene`, as it takes the readers of data sets
-    (`MultiViewSequence`).
+    `cf.run` takes it in place of a `Scene`, and likewise a data set (`MultiViewSequence`).
     """
 
     @property

@@ -1,1 +1,1 @@
-"""The detector that needs no weights: people against a learned background."""
+"""Detector without weights: background subtraction."""

@@ -44,8 +44,8 @@ class BackgroundDetector:
 
     It learns the empty scene as the median of many pictures, marks what differs from it except cast
     shadows, and finds people in the silhouettes: an isolated silhouette is a person; a merged one
-    is split with a body template of the height that this camera's isolated silhouettes imply at
-    each foot pixel.
+    is split with body templates, whose height at each foot pixel is learned from this camera's
+    isolated silhouettes.
 
     On recorded video, `fit(images)` reads a camera's footage once and returns the detector for that
     camera. Called directly, it is a detector for one camera's live pictures, in order: it learns
@@ -56,9 +56,9 @@ class BackgroundDetector:
     not move, and an object that was moved is reported until the median includes it.
 
     Attributes:
-        box_slack: share of its height by which a box is taller than the person. Silhouettes have
-            none; detectors that learned from drawn boxes have some, which calibration from people
-            assumes of detectors without this attribute.
+        box_slack: excess height of a box over the person, as a share of the box height. Silhouettes
+            have none; detectors trained on drawn boxes have some, which calibration from people
+            assumes for detectors without this attribute.
     """
 
     box_slack: float = 0.0
@@ -237,9 +237,9 @@ def _extent(
 ) -> tuple[float, float]:
     """Find the first and last row of a person, near the expected crown and soles.
 
-    An edge blurred by optics and coding is where the difference to the background has fallen to
-    half of its value inside. At the top, inside is the outermost rows, the hair; at the bottom it
-    is the legs, because the last rows may hold only the rim of a shadow.
+    An edge blurred by optics and coding lies where the difference to the background falls to half
+    its value inside the body. At the top, that value comes from the outermost rows, the hair; at
+    the bottom from the legs, because the last rows may be only the rim of a shadow.
     """
     rows, columns = blob.shape
     height = expected[1] - expected[0]

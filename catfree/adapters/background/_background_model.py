@@ -1,4 +1,4 @@
-"""Model of a static camera's empty scene, and of what differs from it except shadows."""
+"""Model of a static camera's empty scene, and detection of foreground without shadows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,9 +24,8 @@ NOISE_WINDOW = 7  # pixels over which the noise is uniform
 # Cast shadows keep between a third and nearly all of the light, equally in all channels, and keep
 # the ground's texture: the ratio of the picture to the background is smooth.
 DARKEST_SHADOW = float(np.log(0.3))
-# Their darkness is the same all over a scene, because the sky's light remains, and is learned:
-# levels at least a tenth as common as the most common one are shadows. Anything darker is gray
-# clothing.
+# Their darkness is learned. It is uniform over a scene, because the sky's light remains: levels at
+# least a tenth as common as the most common one are shadows. Anything darker is gray clothing.
 LEVELS = 30  # of the logarithm of the light, between the darkest possible shadow and none
 COMMON_LEVEL = 0.1
 LEVEL_MARGIN = 0.08  # grain and coding, in the logarithm
@@ -35,13 +34,13 @@ SHADOW_WINDOW = 5  # pixels
 SHADOW_COLOR = 0.12  # largest difference of a channel's log ratio from their mean
 SHADOW_TEXTURE = 0.12  # largest spread of the log ratio beyond that of the noise
 SHADOW_EDGE = 4  # pixels over which a shadow fades out, its blur by optics and coding included
-CONTACT_GAP = 3  # pixels of mixed color between a body part and what it rests on
+CONTACT_GAP = 3  # pixels of mixed color between a body part and its support
 RESTING_SHARE = 0.5  # of a part's columns, to count as clothes or hair
 
 
 @dataclass(frozen=True)
 class Foreground:
-    """What differs from the background, in reduced pixels.
+    """Pixels that differ from the background of a reduced picture.
 
     Attributes:
         mask: (h, w) 1 where something other than a shadow covers the background.
@@ -79,7 +78,7 @@ class PictureSamples:
         """Take the next picture of the stream; whether it is kept depends only on its number.
 
         Raises:
-            InvalidInputError: if its size differs from that of the pictures before it.
+            InvalidInputError: if its size differs from that of earlier pictures.
         """
         if not self.seen:
             self.factor = max(1, round(min(picture.shape[:2]) / WORKING_HEIGHT))
@@ -132,7 +131,7 @@ class BackgroundModel:
         return replace(model, darkest=model._learn_darkest(pictures[::step]))
 
     def compare(self, picture: Image) -> Foreground:
-        """Find what covers the background in a picture of the same camera."""
+        """Find the foreground in a picture of the same camera."""
         import cv2
 
         if picture.shape[:2] != self.noise.shape:
@@ -171,7 +170,7 @@ class BackgroundModel:
     def _differ(
         self, picture: Image, gain: Float[np.ndarray, "3"]
     ) -> tuple[Float[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]:
-        """Return the largest difference of a channel, and 1 where it counts."""
+        """Return the largest difference of a channel, and 1 where it is significant."""
         import cv2
 
         difference = np.zeros(self.noise.shape, np.float32)
@@ -191,9 +190,9 @@ class BackgroundModel:
     def _shadow(
         self, picture: Image, gain: Float[np.ndarray, "3"], weak: UInt8[np.ndarray, "h w"]
     ) -> UInt8[np.ndarray, "h w"]:
-        """Mark with 1 where the picture is the background under less light.
+        """Mark with 1 the pixels that show the background under less light.
 
-        Few pixels of a picture differ from the background, so only those are looked at.
+        Few pixels of a picture differ from the background, so only those are examined.
         """
         import cv2
 
@@ -277,8 +276,8 @@ def _learn_channel(
 ) -> tuple[UInt8[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
     """Compute the median of one channel and the mean square of the smaller half of the deviations.
 
-    People and shadows cover a pixel in the minority of the pictures; the smaller half of its
-    deviations is noise only.
+    People and shadows cover a pixel in a minority of the pictures, so the smaller half of its
+    deviations is pure noise.
     """
     # Partitioned along the last axis and in 16 bits, for which NumPy has vector instructions.
     samples = np.stack([picture[..., channel] for picture in pictures], axis=-1).astype(np.int16)
@@ -304,7 +303,7 @@ def _pool_noise(squares: Sequence[Float[np.ndarray, "h w"]]) -> Float[np.ndarray
 def _touching(
     mask: UInt8[np.ndarray, "h w"], strong: Bool[np.ndarray, "h w"]
 ) -> UInt8[np.ndarray, "h w"]:
-    """Keep the connected parts of a mask that hold a strong pixel."""
+    """Keep the connected parts of a mask that contain a strong pixel."""
     count, labels = _number_parts(mask)
     kept = np.zeros(count, bool)
     kept[labels.ravel()[np.flatnonzero(strong)]] = True

@@ -21,8 +21,8 @@ ZONES = (
 )
 # Missing pixels in a zone cost this share of present ones, because bodies may be occluded.
 MISSING_COST = 0.5
-# Beside and above the head and below the feet there is no part of this person; unexplained pixels
-# there indicate that the template is misplaced.
+# No part of a person is beside or above the head or below the feet; unexplained pixels there
+# indicate that the template is misplaced.
 SURROUNDINGS = (
     (-0.2, -0.1, 0.0, 0.1),
     (0.1, 0.2, 0.0, 0.1),
@@ -30,12 +30,13 @@ SURROUNDINGS = (
     (-0.13, 0.13, 1.02, 1.1),
 )
 SURROUNDINGS_COST = 0.5
-# A person is accepted if it explains this share of its template's pixels by itself.
+# A person is accepted if it alone explains this share of its template's pixels.
 LEAST_GAIN = 0.3
 SEARCH_STEP = 2  # pixels
 MOST_PEOPLE = 20  # in one blob
-# An expected person is searched for within this distance, in heights, and half of it up and down: a
-# place is rarely off by more than a body's half width. The cost of the distance only breaks ties.
+# An expected person is searched for within this distance, in heights, and half of it up and down:
+# an expected position is rarely off by more than half a body's width. The cost of the distance only
+# breaks ties.
 EXPECTED_REACH = 0.12
 EXPECTED_STEP = 0.02
 EXPECTED_COST = 5.0  # a twentieth of the template at a tenth of the height
@@ -80,9 +81,9 @@ def split_blob(
 ) -> list[Person]:
     """Find the people whose templates explain a blob, best explanation first.
 
-    Greedy: the template that explains most pixels not yet explained is taken until none explains
-    enough; then each is moved once with the others fixed. Expected people come first, each where
-    its template explains most near the expected position, unless others explain its pixels.
+    Greedy: the template that explains the most unexplained pixels is taken until none explains
+    enough; then each is moved once with the others fixed. Expected people come first, each at
+    the best place near its expected position, unless others explain the same pixels.
 
     Args:
         blob: 1 on the blob's pixels.
@@ -107,7 +108,7 @@ def split_blob(
 
 
 class _Templates:
-    """Body templates at many places of one blob: u, v and height, as `Person` has them."""
+    """Body templates at many places of one blob: u, v and height, as in `Person`."""
 
     def __init__(
         self, table: Int[np.ndarray, "rows columns"], place: Float[np.ndarray, "3 n"]
@@ -139,7 +140,7 @@ class _Templates:
         rows: Int[np.ndarray, " m"] | slice = slice(None),
         cost: Float[np.ndarray, " m"] | float = 0.0,
     ) -> Person | None:
-        """Find the template with the most gain less its cost, or None if it gains too little."""
+        """Find the template with the largest gain minus cost, or None if it gains too little."""
         gain = self.gains(unexplained, rows)
         if not len(gain):
             return None
@@ -153,7 +154,7 @@ class _Templates:
 def _split(
     blob: UInt8[np.ndarray, "h w"], templates: _Templates, known: list[Person]
 ) -> list[Person]:
-    """Add to the known people those who explain the remaining pixels."""
+    """Add people who explain the remaining pixels to the known people."""
     people, unexplained = list(known), _without(blob, known)
     while len(people) < MOST_PEOPLE:
         person = templates.best(unexplained)

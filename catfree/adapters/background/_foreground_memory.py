@@ -9,7 +9,7 @@ from jaxtyping import Float, UInt8
 from catfree.adapters.background._background_model import Foreground
 from catfree.adapters.protocols import Image
 
-MEMORY = 64 * 2**20  # bytes per camera: some hundred pictures
+MEMORY = 64 * 2**20  # bytes per camera: hundreds of pictures
 
 
 class ForegroundMemory:
@@ -23,7 +23,7 @@ class ForegroundMemory:
         """Start empty.
 
         Args:
-            compare: finds what covers the background, as `BackgroundModel.compare` does.
+            compare: finds the foreground of a picture, as `BackgroundModel.compare` does.
             limit: bytes that may be kept.
         """
         self._compare, self._limit, self._size = compare, limit, 0

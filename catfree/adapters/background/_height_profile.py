@@ -38,7 +38,7 @@ class HeightProfile:
     coefficients: Float[np.ndarray, "3"]
 
     def __call__(self, u: Any, v: Any) -> Any:
-        """Expected height in pixels; not positive above the horizon."""
+        """Return the expected height in pixels; not positive above the horizon."""
         a, b, c = self.coefficients
         return a * v + b * u + c
 
@@ -51,7 +51,7 @@ class Blobs:
         labels: (h, w) 1-based number of each pixel's blob, 0 for background.
         box: (n, 4) x1, y1, x2, y2 of each blob in whole pixels, x2 and y2 exclusive, without thin
             ends at its left and right.
-        reach: (n, 4) the same with everything that belongs to the blob.
+        reach: (n, 4) the same, including the thin ends.
         area: (n,) pixels.
         complete: (n,) false where the blob touches the picture's border.
     """
@@ -86,7 +86,7 @@ class Blobs:
         return cls(numbered, np.array(trimmed, np.int64).reshape(-1, 4), box, area[kept], complete)
 
     def mask_of(self, blobs: Int[np.ndarray, " b"]) -> UInt8[np.ndarray, "h w"]:
-        """Mask with 1 on the pixels of the given blobs (0-based numbers)."""
+        """Mark with 1 the pixels of the given blobs (0-based numbers)."""
         mask = np.zeros(self.labels.shape, np.uint8)
         for blob, (x1, y1, x2, y2) in zip(blobs, self.reach[blobs].tolist(), strict=True):
             mask[y1:y2, x1:x2] |= self.labels[y1:y2, x1:x2] == blob + 1

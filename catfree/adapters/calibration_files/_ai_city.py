@@ -51,7 +51,7 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] | None = None) -> Na
 
     Raises:
         InvalidInputError: if there is no such file, a camera is invalid, or the attributes of one
-            state another size than `image_size`.
+            state a size other than `image_size`.
         FileFormatError: if it is not JSON of this form.
     """
     size = usual_size(image_size)
@@ -74,8 +74,8 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] | None = None) -> Na
 def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -> Path:
     """Write the registered cameras as a `calibration.json`.
 
-    Coordinates of the map are those of the world: `scaleFactor` is 1 and
-    `translationToGlobalCoordinates` 0. `homography` leads from the ground z = 0 to pixels.
+    The map has world coordinates: `scaleFactor` is 1 and `translationToGlobalCoordinates` 0.
+    `homography` maps the ground z = 0 to pixels.
 
     Args:
         path: the file.

@@ -37,14 +37,13 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     """Read a `calibration.toml`: one table per camera, in the file's order.
 
     Each table has `name`, `size` (width, height), `matrix`, `distortions`, `rotation` (vector in
-    radians, world to camera) and `translation`; `fisheye = true` says that the distortions are k1
-    to k4 of `cv2.fisheye`. Tables without any of them, such as `metadata`,
-    are skipped.
+    radians, world to camera) and `translation`; with `fisheye = true`, the distortions are k1 to k4
+    of `cv2.fisheye`. Tables with none of these entries, such as `metadata`, are skipped.
 
     Args:
         path: the file.
-        metres_per_unit: Pose2Sim writes meters (1.0), FreeMoCap and aniposelib with a board in
-            millimeters write millimeters (0.001).
+        metres_per_unit: 1.0 for Pose2Sim, which writes meters; 0.001 for FreeMoCap, and for
+            aniposelib with a board in millimeters.
 
     Returns:
         Rig in meters if `metres_per_unit` is right, and the names.
@@ -106,7 +105,7 @@ def write_anipose_toml(
     scale = as_positive(metres_per_unit, "metres_per_unit")
     lines = []
     for at, (name, camera) in enumerate(writable_cameras(rig, names, path)):
-        # Texts and lists of numbers are written in TOML as in JSON, but for the character DEL.
+        # TOML writes strings and lists of numbers as JSON does, except for the character DEL.
         label = json.dumps(name, ensure_ascii=False).replace("\x7f", "\\u007F")
         lines += [
             f"[cam_{at}]",

@@ -37,9 +37,9 @@ class FileCamera(NamedTuple):
         t: (3,).
         image_size: (2,) width and height in pixels.
         distortion: (8,) coefficients, zero where the file has fewer.
-        lens: their model.
-        registered: whether its place is known.
-        rays: (rows, columns, 3) of a camera that is a grid of rays, else None.
+        lens: the lens model.
+        registered: whether its pose is known.
+        rays: (rows, columns, 3) if the camera is a grid of rays, else None.
     """
 
     K: Float[np.ndarray, "3 3"]
@@ -68,12 +68,12 @@ def rotation_from_vector(value: Any, where: str) -> np.ndarray:
     """Convert a rotation vector in radians (OpenCV's Rodrigues) to a (3, 3) rotation.
 
     Args:
-        value: what the file holds, three numbers.
-        where: the place in it, for messages.
+        value: the file's entry, three numbers.
+        where: its place in the file, for messages.
 
     Raises:
         FileFormatError: if it is not three numbers.
-        InvalidInputError: if it turns by more than a full turn, as angles in degrees do.
+        InvalidInputError: if it exceeds a full turn, as angles in degrees do.
     """
     vector = numbers(value, (3,), where)
     if math.hypot(*vector) > 2 * math.pi:  # without overflow
@@ -85,10 +85,10 @@ def rotation_from_vector(value: Any, where: str) -> np.ndarray:
 
 
 def lens_coefficients(value: Any, where: str, lens: Lens = Lens.PINHOLE) -> Float[np.ndarray, "8"]:
-    """Convert a list of coefficients that may be shorter than its model has, or end in zeros.
+    """Convert a list of coefficients, which may be shorter than the model's or padded with zeros.
 
     Args:
-        value: what the file holds, coefficients in OpenCV's order; none means an ideal lens.
+        value: the file's entry, coefficients in OpenCV's order; none means an ideal lens.
         where: the camera, for messages.
         lens: `FISHEYE` for k1 to k4 of `cv2.fisheye`.
 
@@ -96,7 +96,7 @@ def lens_coefficients(value: Any, where: str, lens: Lens = Lens.PINHOLE) -> Floa
         (8,) float64, zero where the list ends.
 
     Raises:
-        FileFormatError: if it holds something else, or the model has fewer that are not zero.
+        FileFormatError: if it holds something else, or nonzero coefficients beyond the model's.
         InvalidInputError: if a coefficient is not finite.
     """
     values = numbers(value, None, f"the distortion of {where}")
@@ -114,7 +114,7 @@ def lens_coefficients(value: Any, where: str, lens: Lens = Lens.PINHOLE) -> Floa
 
 
 def rig_of(cameras: Sequence[FileCamera]) -> Rig:
-    """Join the cameras of a file to a rig."""
+    """Join the cameras of a file into a rig."""
     K, R, t, size, distortion, lens, registered, rays = zip(*cameras, strict=True)
     K, R, t, size, distortion = (np.stack(part) for part in (K, R, t, size, distortion))
     coefficients = None
@@ -128,7 +128,7 @@ def rig_of(cameras: Sequence[FileCamera]) -> Rig:
 
 
 def usual_size(image_size: Any) -> Int[np.ndarray, "2"]:
-    """Width and height of images of which a file states none: those given, or 1920 x 1080 for None.
+    """Return the given image size, or 1920 x 1080 for None, for files that do not state one.
 
     Raises:
         InvalidInputError: if these are not two whole numbers above 0.
@@ -140,15 +140,16 @@ def usual_size(image_size: Any) -> Int[np.ndarray, "2"]:
 
 
 def require_stated_sizes(rig: Rig, names: Sequence[str] | None, image_size: Any) -> None:
-    """Raise if the caller gave an image size, and the file states another one for a camera.
+    """Raise if the file states a different image size for a camera than the caller gave.
 
     Args:
-        rig: as it was read, with the given size where none is stated.
-        names: (C,) of the cameras, or None.
+        rig: the cameras as read, with the given size where the file states none.
+        names: (C,) camera names, or None.
         image_size: width and height, or None.
 
     Raises:
-        InvalidInputError: naming the first camera, or if these are not two whole numbers above 0.
+        InvalidInputError: naming the first such camera, or if the given size is not two whole
+            numbers above 0.
     """
     given = rig.image_size if image_size is None else usual_size(image_size)
     differs = (rig.image_size != given).any(axis=1)
@@ -201,8 +202,8 @@ def writable_cameras(
     Args:
         rig: the cameras.
         names: (C,) names; C1, C2, ... if None.
-        target: what is written, for messages.
-        ideal: whether the format has no coefficients of a lens.
+        target: description of the output, for messages.
+        ideal: whether the format has no lens coefficients.
 
     Raises:
         InvalidInputError: if no camera is registered, the names do not match the cameras, or a

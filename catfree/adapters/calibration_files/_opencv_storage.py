@@ -25,7 +25,7 @@ from catfree.types._validation import as_paths, parse_json
 _MATRIX = "opencv-matrix"
 _YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")
 _YAML_DATA = re.compile(r"\bdata:\s*\[")
-# How numbers, and true and false, are written for `float`.
+# What YAML's special numbers, true and false are to `float`.
 _YAML_SPECIAL = {
     ".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf", "true": "1", "false": "0",
 }  # fmt: skip
@@ -47,8 +47,8 @@ def read_storage(path: StrPath, meaning: str) -> Storage:
     """Read the top-level matrices, numbers, lists of numbers and words of a file.
 
     Args:
-        path: the file; the first character tells XML (`<`), JSON (`{`) and YAML apart.
-        meaning: what it is, for messages: `intrinsics of camera C1`.
+        path: the file; the first character distinguishes XML (`<`), JSON (`{`) and YAML.
+        meaning: description for messages: `intrinsics of camera C1`.
 
     Returns:
         Numbers and words; entries of other kinds are skipped.
@@ -86,7 +86,7 @@ def read_matrices(
 
     Args:
         path: the file.
-        meaning: what it is, for messages.
+        meaning: description for messages.
         shapes: required names and their shapes.
 
     Raises:
@@ -104,12 +104,12 @@ def read_matrices(
 def read_cameras(
     paths: StrPath | Sequence[StrPath], meaning: str, camera_of: Callable[[Storage], FileCamera]
 ) -> NamedRig:
-    """Read files of one camera each, which is named after its file; errors name the file.
+    """Read one camera per file, named after the file; errors name the file.
 
     Args:
         paths: one file or several, in the order of the rig's cameras.
-        meaning: what they are, for messages.
-        camera_of: takes the camera from the entries of a file.
+        meaning: description for messages.
+        camera_of: makes the camera from the entries of a file.
 
     Raises:
         InvalidInputError: if a file is missing or given twice, or a camera is invalid.

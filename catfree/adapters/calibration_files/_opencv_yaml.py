@@ -38,7 +38,7 @@ _WIDTH = ("image_width", "image_Width", "width")
 _HEIGHT = ("image_height", "image_Height", "height")
 _SIZE = ("image_size", "imageSize", "size")
 
-# Words that files and tools use for the lens model of `cv2.fisheye`, and for that of a pinhole.
+# Words of files and tools for the lens models of `cv2.fisheye` and of a pinhole.
 _FISHEYE = re.compile("fish_?eye|equidistant|kannala", re.IGNORECASE)
 _PINHOLE = re.compile("pinhole|plumb|rational|rad(ial)?[-_ ]?tan|brown|opencv", re.IGNORECASE)
 
@@ -59,7 +59,7 @@ def read_opencv_yaml(
     Four coefficients may be k1, k2, p1, p2 of an old pinhole calibration or k1 to k4 of
     `cv2.fisheye.calibrate`, and confusing them moves people by meters. Unless all are 0, the file
     must state the model, by `fisheye_model: 0` or `1`, by another entry whose name contains "model"
-    and whose word is known (`distortion_model: plumb_bob` or `equidistant`), or by a fifth
+    and whose value is known (`distortion_model: plumb_bob` or `equidistant`), or by a fifth
     coefficient.
 
     Args:
@@ -72,8 +72,8 @@ def read_opencv_yaml(
         folders have the same name.
 
     Raises:
-        InvalidInputError: if a file is missing or given twice, a camera is invalid, a file states
-            another size than `image_size`, or `metres_per_unit` is not a positive number.
+        InvalidInputError: if a file is missing or given twice, a camera is invalid, a file states a
+            size other than `image_size`, or `metres_per_unit` is not a positive number.
         FileFormatError: if a file is malformed, or does not state the model of its four
             coefficients.
     """
@@ -107,16 +107,15 @@ def write_opencv_yaml(
     """Write one YAML file per registered camera, `<name>.yml`, that OpenCV can read.
 
     Args:
-        folder: made if it does not exist.
+        folder: created if it does not exist.
         rig: the cameras.
-        names: (C,) file names without suffix, in which `_` takes the place of `/`; C1, C2, ... if
-            None.
+        names: (C,) file names without suffix, in which `_` replaces `/`; C1, C2, ... if None.
 
     Returns:
         The paths, in the order of the rig.
 
     Raises:
-        InvalidInputError: if no folder can have this path, no camera is registered, a camera is a
+        InvalidInputError: if the path cannot be a folder, no camera is registered, a camera is a
             grid of rays, or the names do not match the cameras.
     """
 
@@ -146,7 +145,7 @@ def write_opencv_yaml(
 
 
 def _lens(storage: Storage, coefficients: np.ndarray) -> Lens:
-    """The lens that a file states; four coefficients may be of either.
+    """Lens model that a file states; four coefficients may belong to either.
 
     Raises:
         FileFormatError: if the file has four coefficients and does not state their model.

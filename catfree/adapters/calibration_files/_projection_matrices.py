@@ -63,8 +63,8 @@ def write_mv3dt(
         folder: created if it does not exist.
         rig: the cameras, without lens distortion, in meters with z up and the ground at z = 0.
         names: (C,) names; C1, C2, ... if None.
-        person_height: of the cylinder that stands for a person, in meters.
-        person_radius: of the same.
+        person_height: height of the cylinder that represents a person, in meters.
+        person_radius: radius of this cylinder, in meters.
 
     Returns:
         The files, in the order of the cameras.
@@ -76,7 +76,7 @@ def write_mv3dt(
     """
     height = as_positive(person_height, "person_height")
     radius = as_positive(person_radius, "person_radius")
-    # One class of objects, as the detectors number people.
+    # One object class, with the number that detectors give people.
     model = f"modelInfo:\n  - classID: 0\n    height: {height!r}\n    radius: {radius!r}\n"
 
     def text_of(camera: FileCamera) -> str:
@@ -92,7 +92,7 @@ def decomposed(
     """Split a projection matrix of any scale into K, R and t.
 
     Raises:
-        InvalidInputError: if it is not that of a camera at a finite place.
+        InvalidInputError: if it is not the projection of a camera at a finite position.
     """
     KR = projection[:, :3]
     with np.errstate(over="ignore", invalid="ignore"):

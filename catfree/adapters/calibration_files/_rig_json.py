@@ -83,7 +83,7 @@ def write_scene_json(path: StrPath, scene: Scene, names: Sequence[str] | None = 
 
 
 def scene_text(scene: Scene, names: Sequence[str] | None = None) -> str:
-    """Return what `write_scene_json` writes.
+    """Return the text that `write_scene_json` writes.
 
     Raises:
         InvalidInputError: if the names do not match the cameras.
@@ -100,7 +100,7 @@ def scene_text(scene: Scene, names: Sequence[str] | None = None) -> str:
 
 
 def read_rig_json(path: StrPath) -> NamedRig:
-    """Read the rig of a file that `write_rig_json` or `write_scene_json` wrote.
+    """Read a rig from a file that `write_rig_json` or `write_scene_json` wrote.
 
     Args:
         path: the file.
@@ -118,7 +118,7 @@ def read_rig_json(path: StrPath) -> NamedRig:
 
 
 def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
-    """Read the scene and camera names of a file that `write_scene_json` wrote.
+    """Read scene and camera names from a file that `write_scene_json` wrote.
 
     Args:
         path: the file.
@@ -211,10 +211,10 @@ def _read_rig(document: Any) -> NamedRig:
 
 
 def _lens(name: Any, where: str) -> Lens:
-    """The lens that a file names.
+    """Lens model that a file names.
 
     Raises:
-        FileFormatError: if it is none of `Lens`.
+        FileFormatError: if it is not one of `Lens`.
     """
     known = {lens.name.lower(): lens for lens in Lens}
     if not isinstance(name, str) or name not in known:
@@ -225,7 +225,7 @@ def _lens(name: Any, where: str) -> Lens:
 
 
 def _grid(camera: Any, registered: bool, where: str) -> np.ndarray:
-    """(rows, columns, 3) the rays of a camera."""
+    """Rays (rows, columns, 3) of a camera."""
     nested = entry(camera, "rays", where)
     rows = len(nested) if isinstance(nested, list) else 0
     values = numbers(nested, None, f"rays of {where}", finite=registered)

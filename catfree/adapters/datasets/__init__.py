@@ -1,1 +1,1 @@
-"""Data sets, and files of boxes, calibrations and ground truth whose format is found out."""
+"""Data sets, and readers of boxes, calibrations and ground truth that detect the format."""

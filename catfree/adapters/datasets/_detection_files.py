@@ -38,12 +38,12 @@ from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
 from catfree.types._validation import as_instances, as_integer, as_path, as_paths, shown_camera
 
-# In a folder of results; the last two if pictures are missing, or videos began apart.
+# Files of a results folder; the last two if pictures are missing or videos start apart.
 RESULT_BOXES, RESULT_SCENE = "detections.npz", "scene.json"
 RESULT_SILENT, RESULT_OFFSETS = "missing_pictures.csv", "offsets.csv"
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
 
-# The first of these that a table has is its column.
+# Names of each column, the preferred first.
 _FRAME = ("frame", "frame_id", "frame_number", "image_id")
 _CAMERA = ("camera", "camera_id", "cam", "cam_id", "view")
 _SCORE = ("score", "confidence", "conf")
@@ -59,10 +59,10 @@ _KNOWN = {*_FRAME, *_CAMERA, *_SCORE, *(name for _, names in _BOXES for name in 
 
 @dataclass(frozen=True, eq=False)
 class CameraBoxes:
-    """Boxes of several cameras, as files hold them.
+    """Boxes of several cameras, as read from files.
 
     Attributes:
-        detections: of all cameras.
+        detections: boxes of all cameras.
         camera_names: (C,) names; `detections.camera` indexes them.
         image_size: (C, 2) width and height in pixels, or None if the files do not state them.
         silent: (K, 2) frame and camera of missing pictures.
@@ -78,9 +78,9 @@ class CameraBoxes:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """The boxes of one file; it is of one camera if it has neither names nor numbers of cameras.
+    """The boxes of one file, of a single camera if the file neither names nor numbers cameras.
 
-    Their numbers are `foreign` in the table of another program, which may count from 1.
+    Camera numbers are `foreign` in the table of another program, which may count from 1.
     """
 
     detections: Detections
@@ -98,20 +98,20 @@ def read_detections(
 ) -> tuple[Detections, tuple[str, ...]]:
     """Read boxes from a file, several files or a folder, in any format that the library reads.
 
-    These are MOTChallenge text and COCO results (one file per camera), a CSV or Parquet table with
-    the columns frame, camera, x1, y1, x2, y2 (or left, top, width, height) and score, a data set
-    of COCO, uniform JSON, and the `.npz` and result folders of catfree. A folder holds the files of
-    the cameras, `CAMERA.txt` or `CAMERA/det/det.txt`, in natural order of their names.
+    Formats: MOTChallenge text and COCO results (one file per camera), a CSV or Parquet table with
+    the columns frame, camera, x1, y1, x2, y2 (or left, top, width, height) and score, a COCO data
+    set, uniform JSON, and catfree's `.npz` files and result folders. A folder holds one file per
+    camera, `CAMERA.txt` or `CAMERA/det/det.txt`, in natural order of their names.
 
     Args:
         paths: a file or folder, or the cameras' files in their order.
-        camera_names: (C,) names of the cameras in the order of the scene, to which those of the
-            files are matched; None for the order of the files. Numbers of cameras in a table are
-            names if all of them are among these, else positions among them, from 0. Where there is
-            no camera 0, numbers are also names if there are no, or not enough, `camera_names`.
-        frame_rate: frames per second, for the clock, whose start and kind stay those of the files;
-            None to keep the clock of the files, if any. That of uniform JSON has its `fps`, which
-            counts the instants, whatever their numbers.
+        camera_names: (C,) camera names in the order of the scene, to which the names in the files
+            are matched; None for the order of the files. Camera numbers in a table are names if all
+            of them are among `camera_names`, else positions, from 0. If none of them is 0,
+            they are also names if `camera_names` is None or too short.
+        frame_rate: frames per second of the clock, which keeps the files' start and kind; None to
+            keep the files' clock, if any. For uniform JSON, the clock follows the file's `fps`,
+            which counts instants, whatever their frame numbers.
 
     Returns:
         The boxes, and the names of their cameras: `camera_names` if given.
@@ -119,7 +119,7 @@ def read_detections(
     Raises:
         InvalidInputError: if a file is missing, a box is invalid, or a camera of the files is not
             among `camera_names`.
-        FileFormatError: if a file holds something else.
+        FileFormatError: if a file has another format.
     """
     boxes = read_camera_boxes(paths, camera_names, frame_rate=frame_rate)
     if camera_names is None:
@@ -142,11 +142,11 @@ def read_camera_boxes(
     *,
     frame_rate: float | int | None = None,
 ) -> CameraBoxes:
-    """Do what `read_detections` does, and keep what the files say about cameras and images.
+    """Read boxes as `read_detections` does, and keep the files' camera names and image sizes.
 
     Args:
         paths: as `read_detections`.
-        camera_names: what numbers of cameras refer to; names of cameras stay those of the files.
+        camera_names: names that camera numbers refer to; camera names in the files are kept.
         frame_rate: as `read_detections`.
 
     Raises:
@@ -177,18 +177,18 @@ def read_camera_boxes(
 
 
 def beside_results(boxes: Path, name: str) -> Path | None:
-    """Return the file of this name beside the boxes of a folder of results, if there is one."""
+    """Return the file of this name beside the boxes of a results folder, if there is one."""
     path = boxes.with_name(name)
     return path if boxes.name == RESULT_BOXES and path.is_file() else None
 
 
 def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"]:
-    """Read which pictures do not exist, for `silent` of `localize` and `shards`.
+    """Read which pictures are missing, for `silent` of `localize` and `shards`.
 
     Args:
         path: a CSV or Parquet table with the columns frame and camera.
-        camera_names: (C,) names of the cameras; the column holds names, or numbers from 0 where
-            there is no such name. A column of numbers that are not all names is one of numbers.
+        camera_names: (C,) names of the cameras; the column holds names or numbers from 0. Numbers
+            are names only if all of them are among `camera_names`.
 
     Returns:
         (K, 2) frame and camera.
@@ -248,7 +248,7 @@ def write_missing_pictures(
 
 
 def _read_offsets(path: Path, camera_names: Sequence[str]) -> tuple[int, ...]:
-    """Read the offset of each camera from the table of `write_offsets`."""
+    """Read the offset of each camera from a table that `write_offsets` wrote."""
     table = read_csv(path, "offsets")
     columns = table.columns()
     if not {"camera", "offset"} <= columns.keys():
@@ -260,7 +260,7 @@ def _read_offsets(path: Path, camera_names: Sequence[str]) -> tuple[int, ...]:
 
 
 def write_offsets(path: StrPath, offsets: Sequence[int], camera_names: Sequence[str]) -> Path:
-    """Write the cameras whose videos show frame 0 in another frame than their first.
+    """Write the offsets of the cameras whose first video frame is not frame 0.
 
     Args:
         path: a CSV file.
@@ -275,7 +275,7 @@ def write_offsets(path: StrPath, offsets: Sequence[int], camera_names: Sequence[
 
 
 def holds_boxes(path: StrPath) -> bool:
-    """Return whether a path is one of boxes rather than of a video or a folder of images."""
+    """Return whether a path holds boxes rather than a video or images."""
     place = as_path(path, "path")
     if place.is_dir():
         if (place / RESULT_BOXES).is_file():  # pictures may be beside it
@@ -288,12 +288,12 @@ def holds_boxes(path: StrPath) -> bool:
 
 
 def has_images(folder: Path) -> bool:
-    """Return whether a folder holds images, as that of a camera."""
+    """Return whether a folder holds the images of a camera."""
     return bool(files_ending(folder, IMAGE_SUFFIXES))
 
 
 def _files_of(source: Path) -> list[Path]:
-    """List the files with boxes of a folder; a file stands for itself."""
+    """List the files with boxes in a folder; for a file, the file itself."""
     if not source.is_dir():
         return [source]
     if (source / RESULT_BOXES).is_file():
@@ -315,7 +315,7 @@ def _files_of(source: Path) -> list[Path]:
 
 
 def _read_all(files: list[Path], known: tuple[str, ...]) -> list[_Part]:
-    """Read every file; a data set of COCO tells the images of results beside it."""
+    """Read every file; a COCO data set describes the images of the results beside it."""
     if len(files) > 1 and all(path.suffix.lower() == ".json" for path in files):
         documents = [read_json(path, "boxes") for path in files]
         is_list = [isinstance(document, list) for document in documents]
@@ -342,7 +342,7 @@ def _read(path: Path, known: tuple[str, ...]) -> _Part:
         sequence = read_uniform_json(path)
         boxes, step = sequence.detections, np.diff(sequence.frames)
         if sequence.fps is not None and len(step):
-            # Of instants, whose numbers may step by more than one.
+            # `fps` counts instants, whose numbers may step by more than one.
             boxes = replace(boxes, clock=Clock(sequence.fps * float(np.median(step))))
         return _Part(boxes, sequence.camera_names, sequence.image_size)
     if suffix == ".csv":
@@ -379,7 +379,7 @@ def _part_of_parquet(path: Path, known: tuple[str, ...]) -> _Part:
     else:
         table = read_parquet(path, "boxes")
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]
-    # The numbers in a table of catfree are positions, as those of `Detections`.
+    # Camera numbers in catfree's own tables are positions, as in `Detections`.
     foreign = not is_of_catfree(table)
     part = _part_of_table(values_of(table, plain, path), path, known if foreign else ())
     options = optional_columns(table, path)
@@ -399,9 +399,9 @@ def _is_number(word: Any) -> bool:
 def _part_of_table(
     table: dict[str, Any], path: Path, known: tuple[str, ...], lines: Sequence[int] | None = None
 ) -> _Part:
-    """Take detections from columns with usual names; numbers may be text.
+    """Make detections from columns with usual names; numbers may be text.
 
-    Errors name the line of a row, if there are `lines`.
+    Errors name the line of a row if `lines` are given.
     """
     plain = _plain_names(list(table), path)
     frame = _first(_FRAME, plain)
@@ -435,7 +435,7 @@ def _part_of_table(
 def _cameras(
     column: Any, name: str, known: tuple[str, ...]
 ) -> tuple[np.ndarray, tuple[str, ...] | None]:
-    """Take cameras as numbers, or as names together with all names that there are."""
+    """Return a column of cameras as numbers, or as names with the distinct names in order."""
     cameras = np.asarray(column)
     words = ["" if word is None else str(word).strip() for word in cameras.tolist()]
     if "" in words:
@@ -445,15 +445,15 @@ def _cameras(
         if cameras.dtype.kind not in "OUST":
             return cameras, None
         if all(_is_number(word) and float(word).is_integer() for word in names):
-            return _numbers(words, name), None  # "2.0" is one, too
+            return _numbers(words, name), None  # "2.0" is a number, too
     return np.array(words), tuple(sorted(names, key=natural_order))
 
 
 def _plain_names(names: Sequence[str], path: Path) -> dict[str, str]:
-    """Find columns by their names in lower case.
+    """Map lower-case column names to the names in the file.
 
     Raises:
-        FileFormatError: if one that is read occurs twice.
+        FileFormatError: if a column that would be read occurs twice.
     """
     plain = [name.lower() for name in names]
     twice = [name for name, count in Counter(plain).items() if count > 1 and name in _KNOWN]
@@ -467,13 +467,13 @@ def _first(wanted: Sequence[str], known: dict[str, str]) -> str | None:
 
 
 def _numbers(values: Any, name: str) -> np.ndarray:
-    """Numbers of a column, which may be text; what is neither is left to `Detections`."""
+    """Convert a column, possibly of text, to numbers; `Detections` rejects anything else."""
     array = np.asarray(values)
     if array.dtype.kind not in "OSU":
         return array
     try:
         if array.dtype.kind == "U":
-            # Floats hold 53 bits of a whole number, such as a time in nanoseconds.
+            # A float holds only 53 bits of a whole number, too few for a time in nanoseconds.
             return array.astype(np.int64)
     except (ValueError, OverflowError):  # fractions, or no numbers at all
         pass
@@ -485,7 +485,7 @@ def _numbers(values: Any, name: str) -> np.ndarray:
 
 
 def _joined(parts: list[_Part], files: list[Path], known: tuple[str, ...]) -> CameraBoxes:
-    """Join the boxes of files: one per camera, or each with those of several."""
+    """Join the boxes of files that hold one camera or several each."""
     alone = [part.one_camera for part in parts]
     if all(alone):
         names = _without_common_end(names_of_files(files))
@@ -501,7 +501,7 @@ def _joined(parts: list[_Part], files: list[Path], known: tuple[str, ...]) -> Ca
             f"{files[alone.index(True)]} holds the boxes of one camera, but "
             f"{files[alone.index(False)]} of several. Name files of one kind."
         )
-    # A table without rows does not tell whether it names its cameras.
+    # A table without rows does not show whether it names its cameras.
     parts = [part for part in parts if part.names or len(part.detections)] or parts[:1]
     first = parts[0]
     if len({part.names is None for part in parts}) > 1:
@@ -544,7 +544,7 @@ def _of_all_cameras(
 
 
 def _require_different_pictures(parts: list[Detections], names: tuple[str, ...] | None) -> None:
-    """Raise if boxes of one picture are in several files, as of hours that each count from 0."""
+    """Raise if several files hold boxes of one picture, as if each hour were numbered from 0."""
     pictures = [np.unique(np.stack([one.frame, one.camera], -1), axis=0) for one in parts]
     every, times = np.unique(np.concatenate(pictures), axis=0, return_counts=True)
     if (times > 1).any():

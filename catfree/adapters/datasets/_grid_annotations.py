@@ -1,4 +1,4 @@
-"""What WildTrack and MultiviewX share: a grid of people with their boxes, poses and images."""
+"""What WildTrack and MultiviewX share: a grid of people, boxes, camera poses and images."""
 
 import dataclasses
 import re
@@ -60,7 +60,7 @@ class Grid:
         return (x, x + self.cell * self.columns, y, y + self.cell * self.rows)
 
     def lattice(self) -> np.ndarray:
-        """(100, 2) positions in meters spread evenly over the grid."""
+        """Return (100, 2) positions in meters spread evenly over the grid."""
         x_min, x_max, y_min, y_max = self.area
         x, y = np.meshgrid(np.linspace(x_min, x_max, 10), np.linspace(y_min, y_max, 10))
         return np.column_stack([x.ravel(), y.ravel()])
@@ -68,11 +68,11 @@ class Grid:
 
 @dataclasses.dataclass(frozen=True)
 class GridDataSet:
-    """What is the same in every copy of a data set.
+    """Properties that all copies of a data set share.
 
     Attributes:
-        name: of the data set.
-        camera_names: in the order of viewNum; the folders of images have the same names.
+        name: name of the data set.
+        camera_names: names in the order of viewNum; the image folders have the same names.
         grid: the annotated area.
         fps: annotated frames per second.
         test_from: first frame of the test split, the last tenth of the published frames.
@@ -127,7 +127,7 @@ def read_annotations(
 
     Args:
         files: frame number to file.
-        data: whose cells positionID numbers.
+        data: the data set whose cells positionID numbers.
         invalid_boxes: whether a box without area is an error or left out.
         drop_unseen: leave out people that no camera sees.
 
@@ -200,13 +200,13 @@ def read_pose(path: Path, camera: str) -> tuple[Float[np.ndarray, "3 3"], Float[
 def grid_sequence(
     data: GridDataSet, people: Annotations, cameras: list[FileCamera], root: Path
 ) -> MultiViewSequence:
-    """Make a sequence from such a data set, in meters, z up, ground z = 0.
+    """Make a sequence from a data set on a grid, in meters, z up, ground z = 0.
 
     Args:
         data: the data set.
-        people: the annotations; without any, the frames are those of the images.
-        cameras: in meters.
-        root: its folder, whose images may be missing.
+        people: the annotations; if there are none, the images determine the frames.
+        cameras: the cameras in meters.
+        root: the data set's folder; images may be missing.
 
     Raises:
         InvalidInputError: if a camera is invalid, or all have most of the grid behind them.

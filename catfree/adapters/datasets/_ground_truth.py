@@ -32,8 +32,8 @@ class GroundTruth:
 
     Attributes:
         rows: (G, 4) float64 rows [frame, id, x, y] in meters.
-        frames: (F,) ascending frames to score, those without people included; None for all that
-            the truth or the tracks have.
+        frames: (F,) ascending frames to score, including those without people; None for all frames
+            of the truth or the tracks.
         area: x_min, x_max, y_min, y_max in meters of the scored area, or None for everywhere.
         protocol: what is scored, in words; empty for a file without a protocol.
         detection_gate: largest distance of a match for MODA in meters.
@@ -59,8 +59,8 @@ def read_ground_truth(path: StrPath, split: Split = "test") -> GroundTruth:
     Args:
         path: a CSV file with the columns frame, id (or track_id), x and y; a uniform JSON file;
             or the folder of WildTrack or MultiviewX, or of its `annotations_positions`.
-        split: frames of WildTrack and MultiviewX: "test" from 1800 and 360 on, the last tenth of
-            what is published, "train" before, or "all"; other files are taken whole.
+        split: frames of WildTrack and MultiviewX: "test", the last tenth of the published frames
+            (from 1800 and 360 on); "train", the earlier ones; or "all". Other files are read whole.
 
     Returns:
         Positions, frames and area. Those of WildTrack and MultiviewX are in the frames of
@@ -98,7 +98,7 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
             f"{source} holds no annotations of WildTrack or MultiviewX "
             "(annotations_positions/NUMBER.json). For a results folder, give its tracks.csv."
         )
-    # The first files may have nobody, and therefore no views.
+    # The first frames may show nobody; their files then list no views.
     cameras = next(filter(None, map(_view_count, files.values())), 0)
     data = {len(one.camera_names): one for one in (WILDTRACK, MULTIVIEWX)}.get(cameras)
     if data is None:
@@ -142,8 +142,8 @@ def _read_csv(path: Path) -> np.ndarray:
 
     Raises:
         FileFormatError: if a column is missing or occurs twice, or there are no rows; or naming the
-            line that has too few or too many columns, a value that is not a number, or a person for
-            the second time in a frame.
+            line with too few or too many columns, a value that is not a number, or a person already
+            listed in the frame.
     """
     table = read_csv(path, "ground truth")
     header = [name.lower() for name in table.header]

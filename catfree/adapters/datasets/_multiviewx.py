@@ -101,7 +101,7 @@ def read_multiviewx(
 def numbered_like_images(
     files: dict[int, Path], root: Path, first: int | None = None
 ) -> dict[int, Path]:
-    """Number annotation files as the images are; `first` as in `read_multiviewx`."""
+    """Number annotation files like the images; `first` as in `read_multiviewx`."""
     shift = _first_annotation_number(np.array(list(files)), root, first)
     return {number - shift: file for number, file in files.items()}
 

@@ -26,13 +26,13 @@ _MOST_FRAMES = 10_000_000  # a larger count means a damaged file
 
 
 def read_scenario(folder: StrPath) -> MultiViewSequence:
-    """Read a simulated scene whose rig is approximate and in a frame that is not metric.
+    """Read a simulated scene with an approximate rig in a non-metric frame.
 
     The folder holds `detections.npz` (frame, cam, box xyxy, score, ankle, emb), `rig.json` (K, R,
     t, image_size, ground_normal, ground_offset, extent, fps, frames), `gt.npz` (frame, id, xy in
     meters), `eval.json` (true_centres, area as x_min, x_max, y_min, y_max, threshold_m) and
     optionally `cloud.npz` (points). To score a result, map it by the similarity from
-    `scene.rig.centers` to `true_centres` and drop what falls outside `evaluation_area`.
+    `scene.rig.centers` to `true_centres` and drop positions outside `evaluation_area`.
 
     Args:
         folder: the scenario's folder.

@@ -43,17 +43,17 @@ def read_scene(
 ) -> tuple[Scene, tuple[str, ...] | None]:
     """Read cameras and ground from a calibration in any format that the library reads.
 
-    These are `scene.json` and `.npz` of catfree, `rig.json`, COLMAP models (the folder or one of
+    Formats: catfree's `scene.json` and `.npz`, `rig.json`, COLMAP models (the folder or one of
     its files), `calibration.toml` of anipose (Pose2Sim, caliscope, FreeMoCap), OpenCV's YAML, XML
     or JSON files and MV3DT's `camInfo` files (one per camera: their folder or a list),
     `calibration.json` of AI City, uniform JSON, and the folders of WildTrack and MultiviewX.
 
     Args:
         path: a file or folder, or the cameras' files in their order.
-        ground: the plane that people stand on, in the file's frame and unit; a scene of another
-            ground has no place on Earth. None takes the one that the file states, or else z = 0.
-        unit: length of one unit of a file that does not state it; "arbitrary" if unknown, as in a
-            COLMAP model that was not scaled.
+        ground: the plane that people stand on, in the file's frame and unit; giving one drops the
+            file's georeference. None takes the plane that the file states, or else z = 0.
+        unit: unit of length, if the file does not state it; "arbitrary" if unknown, as in a COLMAP
+            model that was not scaled.
         image_size: width and height in pixels where the files do not state them.
 
     Returns:
@@ -63,7 +63,7 @@ def read_scene(
     Raises:
         InvalidInputError: if there is no such file, a value or the ground is invalid, the file
             states another unit or image size, or no ground is stated and z = 0 cannot be it.
-        FileFormatError: if the file holds something else.
+        FileFormatError: if the file has another format.
     """
     if not isinstance(unit, str) or unit not in METERS:
         raise InvalidInputError(f"unit is {quoted(unit)}; it must be one of {', '.join(METERS)}.")
@@ -91,7 +91,7 @@ def read_scene(
         scene = found[0]
         if ground is None:
             return scene, names
-        # Another ground does not make the cameras more certain.
+        # Stating the ground does not make the cameras more certain.
         with naming_file(source):
             other = Scene.from_rig(scene.rig, ground, scene.metric)
         return replace(other, rig_sd=scene.rig_sd), names
@@ -119,7 +119,7 @@ def require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
     K, R, center = (np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.centers))
     size = np.asarray(rig.image_size, np.float64)
     bottom = np.stack([size[:, 0] / 2, size[:, 1], np.ones(len(size))], axis=-1)
-    with np.errstate(all="ignore"):  # a camera beyond all numbers sees nothing
+    with np.errstate(all="ignore"):  # a camera whose numbers overflow sees nothing
         sees = [
             ground.signed_distance(center[c]) > 0
             and (R[c].T @ np.linalg.solve(K[c], bottom[c])) @ np.asarray(ground.normal) < 0
@@ -135,9 +135,9 @@ def require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
 
 
 def _inside(source: Path) -> Path:
-    """Return what holds the calibration of a folder: itself, a model in it, or a scene of a run."""
+    """Find a folder's calibration: the folder itself, a model in it, or a run's scene."""
     if not source.is_dir():
-        # One of the files of a model stands for it.
+        # One file of a model stands for the whole model.
         is_model = source.stem in ("cameras", "images", "points3D")
         is_model = is_model and source.suffix in (".bin", ".txt")
         return source.parent if is_model else source
@@ -165,7 +165,7 @@ def _is_model(folder: Path) -> bool:
 def _read(
     source: Path, image_size: tuple[int, int] | None
 ) -> tuple[NamedRig | NamedScene, Unit | None]:
-    """Read cameras, with the ground if the source states it, and the unit if it states that."""
+    """Read cameras, and ground and unit if the source states them."""
     if source.is_dir():
         inner = source / "calibrations"
         if inner.is_dir():

@@ -13,7 +13,7 @@ from catfree.types import Detections, Rig, Scene
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MultiViewSequence:
-    """Detections of synchronized static cameras, with the ground truth that the data set has.
+    """Detections of synchronized static cameras, with the data set's ground truth.
 
     Frames keep the numbers of their source, which may step by more than one (WildTrack: 0, 5, 10,
     ...). They are synchronized labels: two frames are consecutive if they are neighbors in
@@ -28,7 +28,7 @@ class MultiViewSequence:
         ground_truth: (G, 4) float64 rows [frame, id, x, y]: true positions on the ground in
             meters; id is -1 if identities are unknown. They are in the frame of the scene,
             or in that of `true_centres` if `scene.metric` is False.
-        frames: (F,) int64 ascending numbers of all frames, those without detections included.
+        frames: (F,) int64 ascending numbers of all frames, including those without detections.
         camera_names: (C,) names; `detections.camera` indexes them.
         fps: synchronized frames per second, or None if unknown.
         evaluation_area: x_min, x_max, y_min, y_max in meters of the area that is annotated, or
@@ -101,7 +101,7 @@ def require_people_in_front(rig: Rig, positions: np.ndarray) -> None:
         positions: (G, 2) true x, y on the ground z = 0 in meters; zero rows pass.
 
     Raises:
-        InvalidInputError: naming the share of them.
+        InvalidInputError: stating the share of positions behind the cameras.
     """
     if len(positions) == 0:
         return

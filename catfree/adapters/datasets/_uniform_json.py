@@ -38,15 +38,15 @@ def read_uniform_json(
     The file holds `{name, units: "m", fps, cameras: [{name, K, dist, R, t, width, height}],
     frames: [{frame, gt: [{id, x, y}], views: {camera: [{box: [x1, y1, x2, y2], score?, kpts?,
     id?, emb_index?}]}}], evaluation_area?: {x: [min, max], y: [min, max]}}` with
-    `x_camera = R x + t`, meters, z up, ground z = 0, pixels, positive depth. Cameras without `K`
-    give a sequence without rig.
+    `x_camera = R x + t`, meters, z up, ground z = 0, pixels, positive depth. If cameras have no
+    `K`, the sequence has no rig.
 
     Frame numbers are synchronized labels and may step by more than one: consecutive frames are
     neighbors in the sorted `frames` of the result.
 
     Args:
         path: the JSON file.
-        views: key of the boxes to read, if the file holds those of several detectors.
+        views: key of the boxes to read, if the file holds boxes of several detectors.
         embedding: name of the appearance vectors to attach (L2-normalized, float32), an array of
             the `.npz` beside the JSON whose rows the boxes' `emb_index` select; None for none.
 
@@ -133,7 +133,7 @@ class _BoxTable:
         return f"box {index} of camera {shortened(self.camera_names[camera])} in frame {frame}"
 
     def column(self, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
-        """Return the (N, *shape) values of a key that all boxes or none must have."""
+        """Return the (N, *shape) values of a key, which all boxes or none must have."""
         present = [isinstance(box, dict) and box.get(key) is not None for *_, box in self.rows]
         if not any(present):
             return None
@@ -161,7 +161,7 @@ class _BoxTable:
             return Detections(frame, camera, box, score, ankles, embedding, keypoints)
 
     def embedding(self, vectors: Float[np.ndarray, "row d"]) -> Float[np.ndarray, "n d"]:
-        """Return the row of the appearance vectors that each box selects."""
+        """Return the appearance vector that each box selects."""
         index = self.column("emb_index", ())
         if index is None and self.rows:
             raise FileFormatError("the boxes have no 'emb_index' into the appearance vectors.")

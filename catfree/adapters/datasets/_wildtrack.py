@@ -55,7 +55,7 @@ def read_wildtrack(
     Args:
         folder: the data set's folder.
         undistorted: True for the published images, which are undistorted; False for frames of the
-            original videos, whose lens distortion the rig then has.
+            original videos, whose lens distortion the rig then includes.
         invalid_boxes: `raise` at an annotated box without area, or `drop` it.
         drop_unseen: leave out of the ground truth people that no camera sees, as the protocol of
             MVDet (Hou et al. 2020) does.

@@ -23,9 +23,9 @@ def suppress_boxes(
     window: Int[np.ndarray, " n"],
     maximum_overlap_across: float,
 ) -> Int[np.ndarray, " k"]:
-    """Drop boxes greedily that overlap a better kept box too much.
+    """Greedily drop boxes that overlap a better kept box too much.
 
-    OpenCV's suppression has one limit and does not know windows.
+    OpenCV's suppression has a single limit and no notion of windows.
 
     Args:
         box: (n, 4) xyxy in pixels.

@@ -19,8 +19,8 @@ from catfree.adapters.protocols import FrameDetections, Image, as_image
 from catfree.errors import InvalidInputError
 from catfree.types._validation import as_number
 
-# Two windows show the same person with different input pixels, so that their boxes agree less well
-# than two boxes of one pass; this is the usual criterion for the same object.
+# Two windows show the same person with different input pixels, so their boxes agree less well than
+# two boxes of one pass; this is the usual criterion for the same object.
 OVERLAP_ACROSS_WINDOWS = 0.5
 # Boxes may end up to half the finest stride of these networks (8 px) away from the edge of a tile.
 CUT_MARGIN = 4.0
@@ -38,12 +38,12 @@ class DecodedBoxes(NamedTuple):
 class OnnxDetector(ABC):
     """Detector that cuts pictures, fits the pieces into a network's input and merges their boxes.
 
-    Subclasses say which networks they take, and convert their input and output.
+    Subclasses define which networks they accept, and convert their input and output.
     """
 
-    _needed: str  # what the file must be, for messages
-    _stride: int  # pixels, of which the sides of an open input are multiples
-    _placement: Literal["center", "top_left"]  # of a picture in the input's padding
+    _needed: str  # description of the required file, for messages
+    _stride: int  # pixels; the sides of an open input are multiples of it
+    _placement: Literal["center", "top_left"]  # position of a picture in the padding
 
     def __init__(
         self,

@@ -7,8 +7,8 @@ for n = 2, 3 and 4 with a fifth of overlap; a larger input does the same without
 The necessary height depends on the network and is stated by the detectors' classes.
 
 Tiles cut people. A person taller or wider than the overlap of two tiles may be whole in none, so
-that still finer tiles lose tall people again. Choose the overlap so that its size in pixels,
-overlap * picture height / (n - (n - 1) * overlap), holds a person.
+finer tiles lose tall people again. Choose the overlap so that its size in pixels, overlap * picture
+height / (n - (n - 1) * overlap), holds a person.
 """
 
 import math
@@ -30,8 +30,8 @@ def tile_windows(width: int, height: int, tiles: Tiles, overlap: float) -> list[
     in no tile.
 
     Args:
-        width: of the picture in pixels.
-        height: of the picture in pixels.
+        width: width of the picture in pixels.
+        height: height of the picture in pixels.
         tiles: None for the whole picture only, n for n x n, or (columns, rows).
         overlap: share of a tile that overlaps its neighbor.
 

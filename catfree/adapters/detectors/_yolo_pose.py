@@ -58,11 +58,12 @@ class YoloPoseOnnx(OnnxDetector):
         Args:
             path: the ONNX file.
             confidence: weaker detections are dropped.
-            tiles: also look at n x n, or (columns, rows), overlapping tiles of each picture: finds
-                people that are small in the whole picture, for as many more network passes. 2 x 2
-                tiles make people 1.8 times as tall in the network's input, 3 x 3 tiles 2.6 times.
+            tiles: also look at n x n, or (columns, rows), overlapping tiles of each picture, to
+                find people who are small in the whole picture, at the cost of one network pass per
+                tile. 2 x 2 tiles make people 1.8 times as tall in the network's input, 3 x 3 tiles
+                2.6 times.
             image_size: side or (height, width) of the network's input in pixels, for graphs that
-                leave it open; None takes the exporter's, or else 640.
+                leave it open; None takes the exporter's size, or else 640.
             providers: ONNX Runtime execution providers in order of preference.
             iou: largest overlap of two kept detections.
             tile_overlap: share of a tile that overlaps its neighbor; people larger than that may

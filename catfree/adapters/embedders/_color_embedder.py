@@ -27,8 +27,8 @@ _VERSION = 1
 class ColorEmbedder:
     """Embedder by the colors of body parts; needs only OpenCV.
 
-    Each of four zones of the box (head, upper and lower trunk, legs) gives a soft histogram of hue
-    where it is colored and of lightness relative to the person's mean where it is not. Hue and
+    Each of four zones of the box (head, upper and lower trunk, legs) gives a soft histogram: of hue
+    for colored pixels, and of lightness relative to the person's mean for gray ones. Hue and
     relative lightness do not change with exposure; square roots of the bins make the inner product
     of two vectors the Bhattacharyya coefficient of their histograms.
     """

@@ -14,8 +14,8 @@ def clip_boxes(box: Any, width: int, height: int) -> Int[np.ndarray, "n 4"]:
 
     Args:
         box: (n, 4) xyxy in pixels, possibly partly or wholly outside the picture.
-        width: of the picture in pixels.
-        height: of the picture in pixels.
+        width: width of the picture in pixels.
+        height: height of the picture in pixels.
 
     Returns:
         (n, 4) x1, y1, x2, y2 with 0 <= x1 < x2 <= width and 0 <= y1 < y2 <= height: at least the

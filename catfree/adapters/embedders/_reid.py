@@ -50,7 +50,7 @@ class ReIdOnnx:
 
         Args:
             path: the ONNX file.
-            preprocessing: what the network expects as input; None decides by the exporter.
+            preprocessing: the network's input convention; None decides by the exporter.
             providers: ONNX Runtime execution providers in order of preference.
 
         Raises:
@@ -115,5 +115,5 @@ class ReIdOnnx:
 
 
 def _is_vector(shape: Shape) -> bool:
-    """Return whether an output has one vector per picture, pooled with or without its axes."""
+    """Return whether an output has one vector per picture, with or without pooled axes."""
     return len(shape) in (2, 4) and all(axis in (1, None) for axis in shape[2:])

@@ -1,4 +1,4 @@
-"""Distinct camera names made from file names, and file names made from camera names."""
+"""Distinct camera names from file names, and file names from camera names."""
 
 import os
 import re
@@ -42,7 +42,7 @@ def names_of_files(paths: Sequence[Path]) -> list[str]:
 
     Returns:
         (C,) names such as `video`, `cam1/video`, `video.mp4`, or `C1_video` where neither folders
-        nor suffixes tell the files apart.
+        nor suffixes distinguish the files.
 
     Raises:
         InvalidInputError: if two paths lead to the same file or folder.
@@ -71,14 +71,15 @@ def _parts(place: Path) -> tuple[str, ...]:
 
 
 def positions_of(wanted: Sequence[str], given: Sequence[str]) -> list[int] | None:
-    """Find cameras by their names: as they are, without endings and case, or by file or folder.
+    """Find cameras by name: exactly, without endings and case, or by file or folder.
 
     Args:
         wanted: names of the cameras to find.
         given: (C,) names of all cameras: `C1.png` and `C1/det.txt` are the camera `c1`.
 
     Returns:
-        For each wanted camera its position among the given ones, or None if the names do not tell.
+        For each wanted camera its position among the given ones, or None if the names do not
+        identify them.
     """
     rules: tuple[Callable[[str], str], ...] = (
         lambda name: name,
@@ -97,7 +98,7 @@ def positions_of(wanted: Sequence[str], given: Sequence[str]) -> list[int] | Non
 
 
 def _folded(name: str) -> str:
-    """Remove case, and spell ü alike whether it is one character or, as in macOS, u and dots."""
+    """Remove case, and unify ü as one character and as u with dots (macOS)."""
     return unicodedata.normalize("NFC", name.casefold())
 
 
@@ -112,7 +113,7 @@ def plain_numbers(count: int) -> tuple[str, ...]:
 
 
 def is_numbered(names: Sequence[str]) -> bool:
-    """Return whether cameras have the names C1, C2, ... that stand for none."""
+    """Return whether the names are the placeholders C1, C2, ... of cameras without names."""
     return tuple(names) == numbered_names(len(names))
 
 
@@ -155,7 +156,7 @@ def distinct_names(names: Sequence[str]) -> list[str]:
     An empty or repeated name gets the number of its camera.
 
     Args:
-        names: (C,) names that were made from distinct ones.
+        names: (C,) names derived from distinct ones.
     """
     taken = {name.casefold() for name in names}
     used, labels = {""}, []

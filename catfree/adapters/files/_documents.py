@@ -46,7 +46,7 @@ def require_file(path: StrPath, meaning: str) -> Path:
 
     Args:
         path: the expected file.
-        meaning: what the file is, for the message: `calibration of camera C1`.
+        meaning: description of the file, for the message: `calibration of camera C1`.
 
     Raises:
         InvalidInputError: if there is no such file.
@@ -78,7 +78,7 @@ def read_text(path: StrPath, meaning: str) -> str:
 
     Raises:
         InvalidInputError: if there is no such file.
-        FileFormatError: if it is not text, such as arrays under another name, or cannot be read.
+        FileFormatError: if it is not text, such as arrays with a wrong suffix, or cannot be read.
     """
     source = require_file(path, meaning)
     try:
@@ -97,9 +97,8 @@ def read_json(path: StrPath, meaning: str) -> Any:
 
     Raises:
         InvalidInputError: if there is no such file.
-        FileFormatError: if it is not JSON, as when truncated, with the line and column, an object
-            states a key twice, or a string holds a lone surrogate, which cannot be written to any
-            file.
+        FileFormatError: if it is not JSON, as when truncated (stating line and column), an object
+            repeats a key, or a string holds a lone surrogate, which cannot be written to any file.
     """
     text = read_text(path, meaning)
     try:
@@ -115,12 +114,12 @@ def read_json(path: StrPath, meaning: str) -> Any:
 
 @contextlib.contextmanager
 def document_of(path: StrPath, schema: str, kind: str, advice: str) -> Iterator[dict[str, Any]]:
-    """Read a JSON file that states its `schema`; errors of the block say that it is damaged.
+    """Read a JSON file that states its `schema`; errors in the block report it as damaged.
 
     Args:
         path: the file.
         schema: the expected version of its format.
-        kind: what the file is, for messages.
+        kind: description of the file, for messages.
         advice: last sentence of messages.
 
     Raises:
@@ -146,7 +145,7 @@ def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, n
 
     Args:
         path: the archive.
-        meaning: what it is, for the message.
+        meaning: description for the message.
         names: the required arrays.
 
     Raises:
@@ -240,11 +239,11 @@ def numbers(
 ) -> np.ndarray:
     """Convert to a float64 array of this shape; nested and flat lists are both accepted.
 
-    A nested list of another shape, such as a transposed matrix, is not, and neither is text.
+    Text and nested lists of another shape, such as a transposed matrix, are not.
 
     Args:
-        value: what the file holds.
-        shape: of the result; None stands for a list of any length.
+        value: the file's entry.
+        shape: shape of the result; None for a list of any length.
         where: the place in the file, for messages.
         finite: whether NaN and infinity are errors; otherwise the caller checks for them.
 

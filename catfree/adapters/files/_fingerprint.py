@@ -25,8 +25,8 @@ def hash_file(path: str | os.PathLike[str]) -> str:
 def hash_samples(path: str | os.PathLike[str]) -> str:
     """Compute the SHA-256 of a file's size and of evenly spread parts, 16 MiB at most.
 
-    For recordings too large to be read as a whole. Of a folder, its names, sizes and 16 files,
-    evenly spread.
+    For recordings too large to be read as a whole. Of a folder, the names, the sizes and 16 evenly
+    spread files are hashed.
 
     Raises:
         InvalidInputError: if there is nothing at that path, or it cannot be read.

@@ -26,13 +26,13 @@ _TOO_LARGE = 2.0**53  # from here on, not every whole number is a float
 
 
 class CsvTable(NamedTuple):
-    """The words of a CSV file without blank rows and the spaces around words.
+    """The words of a CSV file, without blank rows and surrounding spaces.
 
     Attributes:
         source: the file.
         header: the first row; empty if there are no rows.
-        rows: the others.
-        lines: number of the line of each of these.
+        rows: the other rows.
+        lines: line number of each of these rows.
     """
 
     source: Path | str
@@ -41,13 +41,14 @@ class CsvTable(NamedTuple):
     lines: list[int]
 
     def columns(self, once: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
-        """Words of each column by its name in the header.
+        """Return the words of each column by its name in the header.
 
         Args:
-            once: names of columns that may not occur twice; of others, the last one is taken.
+            once: names of columns that may not occur twice; of other repeated columns, the last is
+                taken.
 
         Raises:
-            FileFormatError: naming such a column that does, or the first line with too few or too
+            FileFormatError: naming such a repeated column, or the first line with too few or too
                 many columns.
         """
         twice = [name for name in once if self.header.count(name) > 1]
@@ -80,7 +81,7 @@ def read_csv(path: StrPath, meaning: str) -> CsvTable:
 
     Args:
         path: the file.
-        meaning: what it is, for messages.
+        meaning: description for messages.
 
     Raises:
         InvalidInputError: if there is no such file.
@@ -105,11 +106,11 @@ def read_csv(path: StrPath, meaning: str) -> CsvTable:
 
 @contextlib.contextmanager
 def naming_line(source: StrPath, lines: Sequence[int] | None) -> Iterator[None]:
-    """Do what `naming_file` and `naming_row` do.
+    """Combine `naming_file` and `naming_row`.
 
     Args:
         source: the file.
-        lines: (N,) number of the line of each row; None for a file without lines.
+        lines: (N,) line number of each row; None for a file without lines.
     """
     place = None if lines is None else (lambda row: f"in line {lines[row]}")
     with naming_file(source), naming_row(place):
@@ -132,17 +133,17 @@ def naming_row(place: Callable[[int], str] | None) -> Iterator[None]:
 def read_rows(
     path: StrPath, meaning: str, columns: Sequence[int], *, more: bool = False, whole: int = 0
 ) -> tuple[Float[np.ndarray, "row column"], list[int]]:
-    """Read lines of numbers, separated by commas or spaces and as many in each; skip blank ones.
+    """Read lines of equally many numbers, separated by commas or spaces; skip blank lines.
 
     Args:
         path: the file.
-        meaning: what it is, for messages.
-        columns: numbers of columns that it may have.
-        more: whether it may have more.
-        whole: number of columns, from the first on, that hold whole numbers.
+        meaning: description for messages.
+        columns: allowed numbers of columns.
+        more: whether more columns are allowed.
+        whole: number of leading columns that hold whole numbers.
 
     Returns:
-        The numbers, and the number of the line of each row.
+        The numbers, and the line number of each row.
 
     Raises:
         InvalidInputError: if there is no such file, or naming the first line with a number that is

@@ -1,4 +1,4 @@
-"""Reading of TOML files within bounds of time and depth."""
+"""Reading of TOML files within limits of time and recursion depth."""
 
 import re
 import tomllib
@@ -18,9 +18,9 @@ def read_toml(path: StrPath, meaning: str, largest: int, dots: int) -> dict[str,
 
     Args:
         path: the file.
-        meaning: what it is, for messages: `calibration`.
-        largest: characters that it may have.
-        dots: that a line may have outside of texts, as in decimal numbers.
+        meaning: description for messages: `calibration`.
+        largest: most characters in the file.
+        dots: most dots in a line outside of strings, as in decimal numbers.
 
     Raises:
         InvalidInputError: if there is no such file.

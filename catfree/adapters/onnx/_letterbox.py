@@ -1,8 +1,8 @@
 """Fitting a picture into a network's input, and mapping back to original pixels.
 
 Networks and their exporters use the linear map `input = gain * original + pad` for coordinates,
-without half-pixel terms; so does this module. The gain is that of each axis after rounding to whole
-pixels, so that mapping back is exact at odd sizes, too.
+without half-pixel terms; so does this module. The gain of each axis is computed after rounding to
+whole pixels, so mapping back is exact even at odd sizes.
 """
 
 from dataclasses import dataclass

@@ -22,7 +22,7 @@ class OnnxGraph:
         path: the file.
         input_shape: axes of the input, None where the graph leaves the length open.
         output_shapes: name to axes of each output, in the graph's order.
-        metadata: what the exporter wrote into the file, possibly nothing.
+        metadata: the exporter's entries in the file, possibly none.
         producer: name of the exporter, possibly empty.
         content_hash: SHA-256 of the file.
     """
@@ -38,7 +38,7 @@ class OnnxGraph:
 
         Args:
             path: the ONNX file.
-            needed: what the caller expects in the file, for error messages.
+            needed: description of the expected network, for error messages.
             providers: ONNX Runtime execution providers in order of preference; None for all that
                 the installed runtime has.
 
@@ -66,7 +66,7 @@ class OnnxGraph:
         self.content_hash = hash_file(self.path)
 
     def mismatch(self, content: str) -> FileFormatError:
-        """Make the error that states what the file holds and what is needed."""
+        """Make the error that compares the file's content with the expected network."""
         return FileFormatError(f"{self.path} does not fit: {content}, but {self.needed} is needed.")
 
     def require_image_input(self, *leading: int | None) -> None:

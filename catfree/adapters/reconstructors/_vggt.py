@@ -54,7 +54,7 @@ class VggtOnnx:
 
         Args:
             path: the ONNX file.
-            mode: "crop" fills the input's width and cuts what is too high; "pad" shows the whole
+            mode: "crop" fills the input's width and cuts off excess height; "pad" shows the whole
                 picture between white bars.
             providers: ONNX Runtime execution providers in order of preference.
             maximum_points: the cloud is thinned evenly to at most this many points.
@@ -82,7 +82,7 @@ class VggtOnnx:
         """Reconstruct cameras and points from the pictures of one instant, one per camera.
 
         Raises:
-            InvalidInputError: if there is no picture or the graph needs another number of them.
+            InvalidInputError: if there is no picture or the graph needs a different number.
         """
         pictures = [as_image(image) for image in images]
         views = self._graph.input_shape[1]
@@ -178,7 +178,7 @@ def decode_pose(
     translation, quaternion, field_of_view = encoding[:, :3], encoding[:, 3:7], encoding[:, 7:]
     length = np.linalg.norm(quaternion, axis=1)
     low, high = _FIELD_OF_VIEW
-    # NaN fails every comparison, so that it counts as undetermined.
+    # NaN fails every comparison, so it counts as undetermined.
     determined = (length > _SMALLEST_QUATERNION) & np.isfinite(translation).all(1)
     determined &= ((field_of_view > low) & (field_of_view < high)).all(1)
     has_rotation = np.isfinite(length) & (length > _SMALLEST_QUATERNION)

@@ -30,7 +30,7 @@ class CocoBoxes(NamedTuple):
     """Boxes of people in COCO's form.
 
     Attributes:
-        detections: of all cameras.
+        detections: boxes of all cameras.
         camera_names: (C,) folders of the images, or None if the images have none.
         image_size: (C, 2) width and height in pixels, or None if not stated for all.
     """
@@ -49,14 +49,14 @@ class _Image(NamedTuple):
 def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     """Read the people in COCO results, a list of `{image_id, category_id, bbox, score}`.
 
-    A data set, an object with `images` and `annotations`, is read, too. The camera of an image is
-    the folder of its `file_name`, and the frame the last number in it: `C1/000005.png`. Results
-    whose data set is not given have whole numbers as `image_id`, which are the frames of one
-    camera, or file names.
+    Data sets, objects with `images` and `annotations`, are read, too. The camera of an image is
+    the folder of its `file_name`, and the frame the last number in it: `C1/000005.png`. Without a
+    data set, the `image_id` of a result is a file name, or a whole number: the frame of a single
+    camera.
 
     Args:
         path: the results, or the data set with annotations.
-        images: the data set whose images the results are of.
+        images: the data set that describes the images of the results.
 
     Returns:
         Boxes, names of cameras and sizes of images.
@@ -84,7 +84,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
 def _boxes(
     rows: list[Any], images_by_id: dict[Any, _Image] | None, categories: Sequence[Any]
 ) -> CocoBoxes:
-    """Take the boxes of people; without a data set, the images are those that they name."""
+    """Take the boxes of people; without a data set, the boxes name their images."""
     frame, camera, corners, score = [], [], [], []
     files: dict[tuple[str, int], Any] = {}
     others = []
@@ -148,7 +148,7 @@ def is_coco(document: Any) -> bool:
 
 
 def _people(document: dict[str, Any] | None) -> Sequence[Any]:
-    """Return the categories named person or pedestrian, or that of COCO."""
+    """Return the categories named person or pedestrian, or else COCO's."""
     categories = (document or {}).get("categories")
     if not isinstance(categories, list):
         return (PERSON,)
@@ -194,7 +194,7 @@ def _images(document: Any) -> dict[Any, _Image]:
 
 
 def _require_own_place(files: dict[tuple[str, int], Any], image: _Image, name: Any) -> None:
-    """Note the name of an image; raise if one of another name has its camera and frame."""
+    """Record an image's name; raise if another name has the same camera and frame."""
     first_name = files.setdefault((image.camera, image.frame), name)
     if first_name != name:
         raise FileFormatError(

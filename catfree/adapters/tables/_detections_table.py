@@ -39,7 +39,7 @@ def write_detections_parquet(path: StrPath, detections: Detections) -> Path:
 
     Args:
         path: the file.
-        detections: what to write.
+        detections: the detections to write.
 
     Returns:
         The path.
@@ -109,10 +109,10 @@ def is_of_catfree(table: "pyarrow.Table") -> bool:
 
 
 def optional_columns(table: "pyarrow.Table", path: StrPath) -> dict[str, Any]:
-    """Confirmed ankles, embeddings (N, D), keypoints (N, 17, 3) and clock, if a table has them.
+    """Return confirmed ankles, embeddings (N, D), keypoints (N, 17, 3) and clock, if present.
 
     Raises:
-        FileFormatError: if lists hold other numbers.
+        FileFormatError: if the lists of a column have a wrong or varying length.
         InvalidInputError: if the clock is damaged.
     """
     columns: dict[str, Any] = {"clock": clock_of(table, path)}
@@ -128,7 +128,7 @@ def optional_columns(table: "pyarrow.Table", path: StrPath) -> dict[str, Any]:
 
 
 def _numbers_of_lists(values: Any) -> np.ndarray:
-    """(N, D) numbers of a column of lists, of fixed length or of one length by chance."""
+    """Numbers (N, D) of a column of lists of one length, which its type may leave open."""
     import pyarrow.compute
 
     length = pyarrow.compute.call_function("list_value_length", [values])
@@ -152,7 +152,7 @@ def open_detections_table(path: StrPath) -> Any:
     if not source.exists():
         raise InvalidInputError(f"There is no table of detections {source}. Check the path.")
     if source.is_dir() and files_ending(source, [".parquet"]):
-        # Arrow leaves out names that begin like these.
+        # Arrow skips names that begin like these.
         files = (p for p in source.iterdir() if p.is_file() and not p.name.startswith((".", "_")))
         other = min((p for p in files if p.suffix.lower() != ".parquet"), default=None)
         if other is not None:
@@ -178,7 +178,7 @@ def open_detections_table(path: StrPath) -> Any:
 
 
 def frame_range(path: StrPath) -> tuple[int, int]:
-    """First frame of a table of detections and the frame after the last, without reading boxes.
+    """Return the first frame of a table of detections and the one after the last.
 
     Raises:
         InvalidInputError: as `open_detections_table`, or if the table has no rows.
@@ -200,11 +200,11 @@ def frame_range(path: StrPath) -> tuple[int, int]:
 
 
 def clock_of(table: Any, path: StrPath) -> Clock | None:
-    """The clock of an open table of detections, or None.
+    """Return the clock of an open table of detections, or None.
 
     Args:
-        table: what `open_detections_table` returned, or rows of it.
-        path: of the table, for the message.
+        table: the result of `open_detections_table`, or rows of it.
+        path: path of the table, for the message.
 
     Raises:
         InvalidInputError: if its metadata are damaged.

@@ -37,7 +37,7 @@ class MotTable:
         box: (N, 4) x1, y1, x2, y2 in the file's pixels.
         confidence: (N,) the seventh column (a flag in ground-truth files), or None.
         world: (N, 3) x, y, z where the file gives world positions (ten columns, not -1), or None.
-        lines: (N,) number of the line of each row.
+        lines: (N,) line number of each row.
     """
 
     source: Path
@@ -49,7 +49,7 @@ class MotTable:
     lines: list[int]
 
     def detections(self, camera: int = 0) -> Detections:
-        """The boxes as detections of one camera, scored unless every confidence is -1.
+        """Return the boxes as detections of one camera, scored unless every confidence is -1.
 
         Raises:
             InvalidInputError: naming the line, if a box has no area or a confidence is outside
@@ -61,7 +61,7 @@ class MotTable:
             return Detections(self.frame, cameras, self.box, score=score)
 
     def to_rows(self) -> Float[np.ndarray, "n 4"]:
-        """(N, 4) rows [frame, id, x, y] of world positions for `catfree.evaluation`.
+        """Return (N, 4) rows [frame, id, x, y] of world positions for `catfree.evaluation`.
 
         Raises:
             InvalidInputError: if the file has no world positions.
@@ -165,7 +165,7 @@ def write_mot_ground(
 
     Args:
         path: the file.
-        tracks: what to write: tracks, or (N, 4) rows [frame, id, x, y] such as the ground truth of
+        tracks: tracks to write, or (N, 4) rows [frame, id, x, y] such as the ground truth of
             a sequence; frames and identities are written counted from 1, unknown ones as -1.
         frames: (F,) all frame numbers of the sequence, also as a `range`; the first becomes 1, the
             next 2, ...
@@ -185,7 +185,7 @@ def write_mot_ground(
 def write_squares(
     path: StrPath, tracks: Tracks | ArrayLike, frames: ArrayLike, threshold: float, name: str
 ) -> Path:
-    """Do what `write_mot_ground` does with an argument of another name."""
+    """Do what `write_mot_ground` does; errors call `tracks` by another name."""
     threshold = as_positive(threshold, "threshold")
     score = None
     if isinstance(tracks, Tracks):

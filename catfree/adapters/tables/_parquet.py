@@ -21,8 +21,8 @@ def write_parquet(path: StrPath, table: "pyarrow.Table", **options: Any) -> Path
 
     Args:
         path: the file.
-        table: what to write.
-        options: of `pyarrow.parquet.write_table`.
+        table: the table to write.
+        options: options of `pyarrow.parquet.write_table`.
 
     Returns:
         The path.
@@ -43,7 +43,7 @@ def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
 
     Args:
         path: the file.
-        meaning: what the file is, for the message.
+        meaning: description of the file, for the message.
 
     Raises:
         MissingDependencyError: if pyarrow is not installed.
@@ -54,7 +54,7 @@ def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
     import pyarrow.parquet
 
     source = require_file(path, meaning)
-    # Not read_table, which would take columns from the names of folders.
+    # Not read_table, which would make columns of folder names.
     with (
         reading(source),
         pyarrow.parquet.ParquetFile(source, page_checksum_verification=True) as file,
@@ -85,10 +85,10 @@ def open_dataset(source: Path | Sequence[str]) -> Any:
 
 @contextmanager
 def reading(path: StrPath) -> Iterator[None]:
-    """Name the file in the errors of many kinds that pyarrow raises for damaged files.
+    """Replace the many kinds of errors that pyarrow raises for damaged files by one.
 
     Raises:
-        FileFormatError: naming it.
+        FileFormatError: naming the file.
     """
     try:
         yield
@@ -97,10 +97,10 @@ def reading(path: StrPath) -> Iterator[None]:
 
 
 def values_of(table: "pyarrow.Table", names: Sequence[str], path: StrPath) -> dict[str, Any]:
-    """Return columns as arrays of NumPy.
+    """Return columns as NumPy arrays.
 
     Raises:
-        FileFormatError: if NumPy has no such type.
+        FileFormatError: if NumPy lacks the type of a column.
     """
     with reading(path):
         return {name: table[name].to_numpy() for name in names}

@@ -16,12 +16,12 @@ def read_tracks(path: StrPath) -> Tracks:
         path: the file, or a folder with `tracks.csv` or `tracks.parquet`.
 
     Returns:
-        The tracks, without what the format does not hold; see `read_tracks_csv` and
+        The tracks, without what the format does not store; see `read_tracks_csv` and
         `read_tracks_parquet`.
 
     Raises:
         InvalidInputError: if there is no such file, or a value in it is out of range.
-        FileFormatError: if it holds something else.
+        FileFormatError: if it has another format.
     """
     source = as_path(path, "path")
     if source.is_dir():

@@ -45,7 +45,7 @@ _VELOCITY = (
 _WHOLE = ("frame", "track_id", "supporting_cameras")
 _TIME = "time_s"  # not in tables of version 0.2
 
-_OFF_CLOCK = 1e-6  # seconds by which a time in a table may differ from that of the clock
+_OFF_CLOCK = 1e-6  # seconds by which a time in a table may differ from the clock
 
 
 def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
@@ -58,7 +58,7 @@ def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
 
     Args:
         path: the file.
-        tracks: what to write.
+        tracks: the tracks to write.
 
     Returns:
         The path.
@@ -73,15 +73,16 @@ def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
 
 
 def read_tracks_csv(path: StrPath) -> Tracks:
-    """Read what `write_tracks_csv` wrote.
+    """Read tracks that `write_tracks_csv` wrote.
 
     Args:
         path: the file.
 
     Returns:
-        The tracks, number for number, without `support`, which is not in the table. The clock is
-        the one with the shortest numbers that gives the times of at least two frames; times beyond
-        1e9 are UTC. Tables of version 0.1 give no velocities (NaN), those of version 0.2 no clock.
+        The tracks, with exactly the same numbers but without `support`, which is not in the table.
+        The clock is the one with the shortest numbers that gives the times of at least two frames;
+        times beyond 1e9 are UTC. Tables of version 0.1 give no velocities (NaN), those of version
+        0.2 no clock.
 
     Raises:
         InvalidInputError: if the file does not exist, or a number in it is not finite or out of
@@ -133,12 +134,12 @@ def read_tracks_csv(path: StrPath) -> Tracks:
 def write_tracks_parquet(
     path: StrPath, tracks: Tracks, camera_names: Sequence[str] | None = None
 ) -> Path:
-    """Write the table of `Tracks.to_arrow` as Parquet, as `docs/table.md` describes it.
+    """Write the table of `Tracks.to_arrow` as Parquet, as described in `docs/table.md`.
 
     Args:
         path: the file.
-        tracks: what to write.
-        camera_names: (C,) for the metadata, or None.
+        tracks: the tracks to write.
+        camera_names: (C,) names for the metadata, or None.
 
     Returns:
         The path.
@@ -153,15 +154,15 @@ def write_tracks_parquet(
 
 
 def read_tracks_parquet(path: StrPath, ground: Plane | None = None) -> Tracks:
-    """Read what `write_tracks_parquet` wrote.
+    """Read tracks that `write_tracks_parquet` wrote.
 
     Args:
         path: the file.
-        ground: the ground plane of the scene, which gives `position`; NaN if None.
+        ground: the scene's ground plane, to compute `position`; if None, `position` is NaN.
 
     Returns:
-        The tracks, number for number (velocities to within rounding), without what the table does
-        not hold; see `Tracks.from_arrow`.
+        The tracks, with exactly the same numbers (velocities to within rounding), without what the
+        table does not store; see `Tracks.from_arrow`.
 
     Raises:
         MissingDependencyError: if pyarrow is not installed.
@@ -175,7 +176,7 @@ def read_tracks_parquet(path: StrPath, ground: Plane | None = None) -> Tracks:
 
 
 def _clock_of(path: StrPath, frame: np.ndarray, time: np.ndarray | None) -> Clock | None:
-    """Return the clock that gives frames their times, or None if fewer than two frames have any."""
+    """Return the clock that fits the frames' times, or None if fewer than two frames have any."""
     if time is None or len(np.unique(frame)) < 2:
         return None
     first, last = int(frame.argmin()), int(frame.argmax())

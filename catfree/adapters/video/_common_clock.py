@@ -12,7 +12,7 @@ from catfree.types import Clock, Detections
 from catfree.types._clock import ABSOLUTE
 from catfree.types._validation import as_finite, as_positive, is_listed, require_instance
 
-# Whoever asks for 30 ticks per second of a camera of 29.97 means the rate of that camera.
+# A request for 30 ticks per second from a camera of 29.97 means that camera's rate.
 RATE_TOLERANCE = 0.01
 # A frame shows a tick if it is within this many ticks of it: half a tick, and slack for the jitter
 # of cameras whose frames lie midway between two ticks.
@@ -35,17 +35,17 @@ def on_common_clock(
         detections: boxes whose frame numbers count the frames of each camera, from 0.
         timestamps: (C) arrays: (T_c,) increasing seconds of camera c's frames 0 to T_c - 1. Times
             beyond 1e9 count from 1970-01-01T00:00:00 UTC.
-        frame_rate: ticks per second; None for the lowest rate among the cameras: the mean of the
-            intervals near their median.
+        frame_rate: ticks per second; None for the lowest rate among the cameras, from the mean of
+            the intervals near their median.
 
     Returns:
         The detections with ticks as frame numbers, and the clock.
 
     Raises:
         InvalidInputError: naming the first camera whose timestamps are invalid, are too few for its
-            boxes, or are absolute while those of another are not; or if the rate is higher than
-            that of a camera.
-        InsufficientDataError: if no camera has two timestamps to tell the rate.
+            boxes, or are absolute while another camera's are not; or if the rate is higher than a
+            camera's.
+        InsufficientDataError: if no camera has two timestamps, which the rate requires.
     """
     require_instance(detections, Detections, "detections")
     if not is_listed(timestamps):
@@ -85,8 +85,8 @@ def rate_of(times: Times) -> float:
         times: seconds.
 
     Returns:
-        The rate by the mean of the intervals near their median: gaps of dropped frames do not
-        count, and times that a file rounds to milliseconds do no harm.
+        The rate from the mean of the intervals near their median: gaps of dropped frames do not
+        count, and rounding of times to milliseconds does no harm.
     """
     step = np.diff(times)
     middle = float(np.median(step))
@@ -94,7 +94,7 @@ def rate_of(times: Times) -> float:
 
 
 def common_rate(rates: dict[str, float], frame_rate: float | int | None) -> float | None:
-    """Return the ticks per second: the lowest rate among the cameras, or the one that is asked for.
+    """Return the ticks per second: the lowest rate among the cameras, or the requested one.
 
     Args:
         rates: frames per second by camera name, of cameras that have a rate.
@@ -120,7 +120,7 @@ def common_start(times: Sequence[Times], names: Sequence[str]) -> tuple[float, b
 
     Args:
         times: seconds of each camera's frames, none empty.
-        names: of these cameras.
+        names: names of these cameras.
 
     Raises:
         InvalidInputError: if some times are absolute and others are not.
@@ -154,7 +154,7 @@ def ticks_of_frames(times: Times, start: float, rate: float) -> Int[np.ndarray, 
     exact = (times - start) * rate
     tick = np.floor(exact + 0.5).astype(np.int64)
     _make_room(tick, exact, 0)
-    # The same toward later ticks, in the mirror.
+    # The same toward later ticks, mirrored.
     mirrored = -tick[::-1]
     _make_room(mirrored, -exact[::-1], -np.iinfo(np.int64).max)
     tick = -mirrored[::-1]
@@ -171,7 +171,7 @@ def _make_room(tick: Int[np.ndarray, " n"], exact: Times, lowest: int) -> None:
     Frames in the way move along, if a free tick follows and none ends farther than `REACH` away.
 
     Args:
-        tick: of each frame, increasing or equal.
+        tick: tick of each frame, ascending, possibly repeated.
         exact: tick of each frame before rounding.
         lowest: tick that no frame may go below.
     """

@@ -45,12 +45,12 @@ def detect_videos(
 
     A detector that must see a camera's footage first (`FittedToCamera`) is fitted to each camera,
     which decodes the videos once more. Only two instants and the detections are kept in memory.
-    Pictures that do not exist (`videos.silent`) are not asked for: pass them on to `localize`.
+    Missing pictures (`videos.silent`) are skipped: pass them on to `localize`.
 
     Args:
         videos: the cameras' pictures, instant by instant.
         detector: finds people in one picture.
-        embedder: describes what they look like, or None for no embeddings.
+        embedder: describes people's appearance, or None for no embeddings.
         progress: called as progress(stage, done, total) after each instant; stages are "fit" and
             "detect".
 
@@ -91,14 +91,14 @@ def fit_to_cameras(
     known: Mapping[int, Detector] | None = None,
     learned: Callable[[int, Detector], None] | None = None,
 ) -> list[Detector]:
-    """Return each camera's detector, fitted to its footage if it must be, else the same for all.
+    """Return each camera's detector, fitted to its footage if necessary, else shared by all.
 
-    Cameras are fitted in threads, several at a time. A camera that lacks pictures of some instants,
-    and has too few for the fit, finds nobody.
+    Cameras are fitted in threads, several at a time. If a camera lacks so many pictures that too
+    few remain for the fit, its detector finds nobody.
 
     Args:
         videos: the cameras' pictures.
-        detector: as `detect_videos` takes it.
+        detector: as in `detect_videos`.
         progress: called as progress("fit", done, total) after each picture of each camera.
         known: detectors of cameras that were fitted before.
         learned: called with camera and detector when a camera has been fitted, from its thread.
@@ -138,7 +138,7 @@ def fit_to_camera(
 
     Args:
         videos: the cameras' pictures.
-        detector: to be fitted.
+        detector: the detector to fit.
         camera: its index.
         report: called after each picture.
 
@@ -228,7 +228,7 @@ def describe_instant(
 
     Args:
         pictures: by camera.
-        people: in the picture of each camera.
+        people: the people in the picture of each camera.
         describe: computes the embeddings, or None.
         frame: the frame of the instant, for messages.
 
@@ -247,8 +247,8 @@ def collect_detections(
     """Join the people in all pictures; keypoints and embeddings only if every picture has them.
 
     Args:
-        instants: frame, and what was seen in the picture of each camera that has one.
-        videos: of the pictures, which tell the clock.
+        instants: frame, and the people seen in each existing picture by camera.
+        videos: the footage, for its clock.
 
     Raises:
         InsufficientDataError: if there are no instants, because none could be decoded.
@@ -268,7 +268,7 @@ def collect_detections(
     return Detections(
         np.repeat(frame, count),
         np.repeat(camera, count),
-        # Whatever width a detector's network has, people are localized in double precision.
+        # Whatever the precision of a detector's network, people are localized in double precision.
         np.concatenate([one.box for one in people]).astype(np.float64),
         score=np.concatenate([one.score for one in people]),
         ankles_confirmed=None if keypoints is None else ankles_confirmed(keypoints),

@@ -43,16 +43,16 @@ class CameraFootage:
     """The footage of one camera, on the common clock.
 
     Attributes:
-        name: of the camera.
+        name: name of the camera.
         path: video file or image folder.
         frame_count: frames that it claims to hold.
         fps: frames per second, or None if unknown.
         seconds: from the first frame to the end of the last, or None if unknown.
         image_size: width and height in pixels.
         available: the ticks that this camera alone would deliver if it had dropped none.
-        dropped: instants between its first and last frame near which it has none.
-        pictures: delivered instants that it shows.
-        timeless: whether the times of its frames are assumed, because nothing states them.
+        dropped: instants between its first and last frame without a frame nearby.
+        pictures: delivered instants of which it has a picture.
+        timeless: whether the times of its frames are assumed, because they are not recorded.
     """
 
     name: str
@@ -71,15 +71,15 @@ class SynchronizedVideos:
     """Videos of static cameras as a sequence of instants; only two instants are in memory.
 
     A common clock ticks at `frame_rate`, by default the lowest rate among the cameras. Iteration
-    delivers the ticks at which every camera has a frame (or as many as `fewest_cameras` says), from
-    `start` to before `end`, every `stride`-th. A tick shows each camera's frame that is nearest in
-    time:
+    delivers the ticks at which every camera has a frame (or at least `fewest_cameras` of them),
+    from `start` to before `end`, every `stride`-th. At a tick, each camera shows its frame nearest
+    in time:
 
-    - Frames have the times of a table: `NAME.timestamps.csv` beside a video `NAME.mp4`, or
+    - The times of frames come from a table: `NAME.timestamps.csv` beside a video `NAME.mp4`, or
       `timestamps.csv` in an image folder, with the columns `frame_id,timestamp_s` and one line per
-      frame from 0 on. Tick 0 is at the earliest of all times, so that files may start at different
+      frame from 0 on. Tick 0 is at the earliest of all times, so files may start at different
       times. Times beyond 1e9 are seconds since 1970 in UTC; then every camera needs such a table.
-    - Otherwise they have the timestamps of the video file, counted from its first frame. Where
+    - Otherwise they are the timestamps in the video file, counted from its first frame. Where
       these are even, within a quarter of a frame, tick k shows frame
       `offsets[c] + round(k * fps_c / frame_rate)`.
     - Images without a table have no times: there is one image per tick.
@@ -118,9 +118,9 @@ class SynchronizedVideos:
             on_error: at a frame that cannot be decoded, "raise" an error or "keep" the instants
                 before it and stop there (`interruption` then holds the error, `whole` their
                 number). Formats without time stamps (AVI) may lose damaged frames before decoding
-                stops, so that frames after the damage come too early; "raise" refuses such a file.
-            fewest_cameras: deliver the ticks at which so many cameras have a frame; None for all.
-                The picture of a camera that has none is black, and `silent` lists it.
+                stops, so frames after the damage come too early; "raise" refuses such a file.
+            fewest_cameras: deliver the ticks at which at least this many cameras have a frame; None
+                for all cameras. A missing picture is black, and `silent` lists it.
 
         Raises:
             InvalidInputError: if a path does not exist or is given twice, a parameter is invalid,
@@ -234,7 +234,7 @@ class SynchronizedVideos:
 
     @property
     def silent(self) -> Int[np.ndarray, "k 2"]:
-        """(K, 2) frame and camera of each picture that does not exist, as `localize` takes them."""
+        """(K, 2) frame and camera of each missing picture, as `localize` takes them."""
         return self._silent
 
     @property
@@ -289,7 +289,7 @@ class SynchronizedVideos:
         return tuple(footage)
 
     def without_offsets(self, frame_offset: Sequence[int]) -> "SynchronizedVideos":
-        """Return the same footage on corrected clocks, with the instants still to be delivered.
+        """Return the same footage on corrected clocks, with the instants that remain.
 
         `catfree.calibration.remove_offsets` does the same to detections.
 
@@ -297,7 +297,7 @@ class SynchronizedVideos:
             frame_offset: (C,) ticks by which each camera's ticks are too high.
 
         Raises:
-            InsufficientDataError: if no instant is left that enough cameras show.
+            InsufficientDataError: if no instant remains that enough cameras show.
         """
         shifts = [
             round(ticks * self._frames_per_tick(camera))
@@ -331,7 +331,7 @@ class SynchronizedVideos:
         return excerpt
 
     def before_interruption(self) -> "SynchronizedVideos":
-        """Return the instants before the one at which the last iteration was interrupted."""
+        """Return the instants before the last iteration's interruption."""
         return self.between(int(self._ticks[0]), int(self._ticks[self.whole - 1]) + 1)
 
     def __iter__(self) -> Iterator[tuple[int, list[Image]]]:
@@ -344,7 +344,7 @@ class SynchronizedVideos:
         yield from self.instants_from(0)
 
     def instants_from(self, first: int) -> Iterator[tuple[int, list[Image]]]:
-        """Iterate over the instants from position `first`; earlier ones give no pictures.
+        """Iterate over the instants from position `first` on.
 
         Args:
             first: position among the instants, 0-based; `frames[first]` is the first delivered.
@@ -360,7 +360,7 @@ class SynchronizedVideos:
     def pictures_from(
         self, first: int = 0, cameras: Sequence[int] | None = None
     ) -> Iterator[tuple[int, dict[int, Image]]]:
-        """Iterate over the pictures that exist, by camera, of the instants from a position on.
+        """Iterate over the existing pictures, by camera, of the instants from a position on.
 
         Args:
             first: as `instants_from`.
@@ -398,7 +398,7 @@ class SynchronizedVideos:
                     if camera not in self._silent[begin:stop, 1]
                 }
 
-            # The next instant is decoded while this one is looked at.
+            # The next instant is decoded while this one is processed.
             pool = stack.enter_context(ThreadPoolExecutor(1))
             ahead = pool.submit(read, first)
             for done in range(first, count):
@@ -450,7 +450,7 @@ class SynchronizedVideos:
         return image
 
     def _origins_of_ticks(self, given: bool) -> list[float]:
-        """Return the time of tick 0 by each camera's times; `given` offsets overrule them."""
+        """Return the time of tick 0 on each camera's own clock; `given` offsets take precedence."""
         if not given:
             return [self._start] * self.camera_count
         origins = [
@@ -469,7 +469,7 @@ class SynchronizedVideos:
         return end + math.floor((origin - float(times[end])) * fps + 0.5)
 
     def _place(self, camera: int, time: float) -> float:
-        """Return the place of a camera's time among the ticks."""
+        """Convert a camera's time to ticks, in fractions."""
         return (time - self._origins[camera]) * (self._rate or 1.0)
 
     def _keep_ticks(self, start: int, end: int) -> bool:

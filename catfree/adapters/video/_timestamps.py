@@ -34,14 +34,14 @@ def read_timestamps(path: Path, frame_count: int) -> Times:
 
     Args:
         path: the table.
-        frame_count: frames of the camera, each of which needs a line.
+        frame_count: frames of the camera; each needs a line.
 
     Returns:
         (T,) increasing seconds.
 
     Raises:
         FileFormatError: naming the first line that is malformed, out of order or not later than
-            the one before, or if there are more or fewer lines than frames.
+            the one before, or if the numbers of lines and frames differ.
     """
     times = array("d")
     with require_file(path, _MEANING).open(encoding="utf-8-sig", newline=None) as stream:
@@ -52,7 +52,7 @@ def read_timestamps(path: Path, frame_count: int) -> Times:
                     f"{path}: line 1 is {quoted(header.strip())}, not the header "
                     f"{','.join(_COLUMNS)}."
                 )
-            ended = False  # by an empty line, after which only such may follow
+            ended = False  # by an empty line; only empty lines may follow
             while line := stream.readline(_LONGEST_LINE):
                 if not line.strip():
                     ended = True
@@ -101,7 +101,7 @@ def _parsed(line: str, path: Path, times: array) -> float:
 
 
 def open_capture(path: Path, *options: int) -> Any:
-    """Return OpenCV's capture of a video; FFmpeg takes what precedes a colon for a protocol."""
+    """Return OpenCV's capture of a video; FFmpeg takes text before a colon for a protocol."""
     import cv2
 
     return cv2.VideoCapture(str(path.absolute()), *options)

@@ -1,4 +1,4 @@
-"""Checks of users' detectors and embedders, and of what they return, picture by picture.
+"""Checks of users' detectors and embedders, and of their results, picture by picture.
 
 An invalid result is reported at the first bad picture, with its camera and frame, not at the end of
 the footage.
@@ -18,7 +18,7 @@ def require_part(part: Any, name: str) -> None:
     """Raise unless a detector, an embedder or a reconstructor can be called or fitted.
 
     Raises:
-        InvalidInputError: naming it; a class, which can be called, needs to be made an object.
+        InvalidInputError: naming it; a class, although callable, must first be instantiated.
     """
     if isinstance(part, type):
         raise InvalidInputError(
@@ -44,7 +44,7 @@ def ask_for_people(
         image: the picture.
         camera: index of the camera that took it.
         frame: its frame.
-        expected: where to look again, as `GuidedDetector` says; None to look for the first time.
+        expected: hints for a second look, as in `GuidedDetector`; None for the first look.
 
     Raises:
         InvalidInputError: naming camera and frame, if the detector returns anything but
@@ -83,7 +83,7 @@ class Describer:
         """
         where = _place(self.embedder, camera, frame)
         try:
-            answer = self.embedder(image, box.copy())  # which it may change
+            answer = self.embedder(image, box.copy())  # a copy, which it may change
             vectors = np.asarray(np.nan if answer is None else as_float(answer))
         except InvalidInputError as error:
             raise InvalidInputError(f"{where} failed: {error}") from error
@@ -105,7 +105,7 @@ def join_descriptions(parts: list[np.ndarray]) -> Float[np.ndarray, "n d"]:
     """Concatenate the rows, skipping pictures without people, whose row length is unknown.
 
     Raises:
-        InvalidInputError: if their lengths differ, between cameras of different processes.
+        InvalidInputError: if their lengths differ, as between cameras of different processes.
     """
     known = [part for part in parts if len(part)] or parts[:1]
     widths = sorted({part.shape[1] for part in known})

@@ -25,11 +25,11 @@ from catfree.errors import FileFormatError, InvalidInputError
 FARTHEST_DECODED = 1000  # frames: decoding up to there is faster than looking for a key frame
 JUMP_MARGIN = 50  # frames by which seeking may come out too late
 
-# Times of packets within this share of a frame of an even clock count as even: they tell nothing
-# that the frame rate does not.
+# Times of packets within this share of a frame of an even clock count as even: they add nothing to
+# the frame rate.
 _EVEN = 0.25
 
-# The first bytes of files.
+# The first bytes of file formats.
 _AVI = b"RIFF"
 _MATROSKA = b"\x1aE\xdf\xa3"  # WebM, too
 
@@ -54,7 +54,7 @@ class ImageFolder:
     """Images of one folder in natural order of their names; only a table tells their times.
 
     Attributes:
-        files: the images; the other attributes are those of `VideoFile`.
+        files: the images; the other attributes are as in `VideoFile`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -108,8 +108,8 @@ class ImageFolder:
 class VideoFile:
     """A video file that OpenCV decodes.
 
-    Its frames are at the times of its table (`NAME.timestamps.csv`), else of its packets, else
-    evenly spaced.
+    The times of its frames come from its table (`NAME.timestamps.csv`), else from its packets, else
+    they are evenly spaced.
 
     Attributes:
         path: the file.
@@ -117,7 +117,7 @@ class VideoFile:
         fps: frames per second, or None if unknown.
         image_size: (width, height) in pixels.
         times: seconds of each frame, or None if frame i is at `i / fps`.
-        timeless: whether that is an assumption, as nothing tells the times.
+        timeless: whether that is an assumption, as no times are recorded.
     """
 
     def __init__(self, path: Path) -> None:
@@ -162,7 +162,7 @@ class VideoFile:
         """Take rate and times from the packets, and return the number of frames.
 
         Args:
-            packets: their times.
+            packets: times of the packets.
             shown: the time of the first frame that can be decoded.
             claimed: number of frames that the container claims, which may be an estimate from its
                 length, or less than 1.
@@ -201,7 +201,7 @@ class VideoFile:
         return CaptureReader(self.path, self._frame_at if self._stamped else None)
 
     def _frame_at(self, time: float) -> int:
-        """Return the number of the frame whose packet has a time."""
+        """Return the number of the frame whose packet has this time."""
         if self._packet_times is None:
             return round(time * (self._packet_rate or 0.0))
         return int(nearest_frame(self._packet_times, np.array([time]))[0])
@@ -223,7 +223,7 @@ class VideoFile:
 
 
 class CaptureReader:
-    """Decodes forward; jumps ahead only where the times of the frames confirm the place."""
+    """A decoder that reads forward, and jumps ahead only where frame times confirm the place."""
 
     def __init__(self, path: Path, number: Callable[[float], int] | None) -> None:
         """Open the file.
@@ -231,7 +231,7 @@ class CaptureReader:
         Args:
             path: the file.
             number: gives the number of the frame at a time in seconds, to notice if the decoder
-                leaves out damaged frames; None if the file has no times.
+                skips damaged frames; None if the file has no times.
         """
         self.capture = open_capture(path)
         self.position, self._path = 0, path
@@ -276,7 +276,7 @@ class CaptureReader:
         self.position = 0
 
     def _step(self) -> None:
-        """Count the frame that was just read, and those that the decoder left out before it."""
+        """Count the frame that was just read, and those that the decoder skipped before it."""
         import cv2
 
         if self._number is not None:
@@ -292,9 +292,9 @@ def _even_rate(times: Times, nominal: float, measured: float) -> float | None:
     """Return the rate at which times are even, or None.
 
     Args:
-        times: of the frames.
-        nominal: the rate that the file claims, which some programs compute from one frame too many.
-        measured: the rate of the times, of which short numbers are preferred.
+        times: times of the frames.
+        nominal: the rate that the file claims; some programs count one frame too many for it.
+        measured: the rate of the times, preferably rounded to a short number.
     """
     simple = float(Fraction(measured).limit_denominator(1001))
     for rate in (nominal, round(measured, 3), simple, measured):

@@ -1,4 +1,4 @@
-"""Published weights on this machine: found, checked, and downloaded when that is asked for."""
+"""Published weights on this machine: found, checked, and downloaded on request."""
 
 import os
 from pathlib import Path
@@ -34,7 +34,7 @@ def fetch_weights(name: str, *, download: bool = True, progress: Progress | None
         InvalidInputError: if there is no such name, or the right file is not on this machine and
             `download` is False.
         DownloadError: if the file cannot be downloaded or is not the published one; the message
-            says what to fetch by hand and where to put it.
+            states which file to fetch by hand and where to put it.
         MissingDependencyError: if pooch is not installed.
         WriteError: if the folder is not writable or the disk is full.
     """
@@ -56,7 +56,7 @@ def fetch_weights(name: str, *, download: bool = True, progress: Progress | None
         try:
             downloader(weights.url, str(partial), None)
         except OSError as error:
-            # Errors of the network are of requests, those of the disk of the operating system.
+            # Network errors come from requests, disk errors from the operating system.
             if not type(error).__module__.startswith("requests"):
                 raise
             raise _failed(weights, path, quoted(error)) from error

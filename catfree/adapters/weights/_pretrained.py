@@ -15,7 +15,8 @@ def pretrained(
     """Make the adapter for published weights, downloading them if they are not on this machine.
 
     `pretrained("yolox-s")` is a detector and `pretrained("youtu-reid")` an embedder, ready for
-    `run`. `WEIGHTS` lists all names with their licenses; `fetch_weights` says where the files are.
+    `run`. `WEIGHTS` lists all names with their licenses; `fetch_weights` states where the files are
+    kept.
 
     Args:
         name: one of `WEIGHTS`.

@@ -1,8 +1,8 @@
 """The published ONNX files that are known by name.
 
-A file is listed if its license permits any use, an adapter runs it, and somebody who publishes it
-states its SHA-256. OpenCV's model zoo does, for the files that it stores with Git LFS; its copy of
-YOLOX-S is the file of YOLOX's own release.
+A file is listed if its license permits any use, an adapter runs it, and a publisher states its
+SHA-256. OpenCV's model zoo does, for the files that it stores with Git LFS; its copy of YOLOX-S is
+the file of YOLOX's own release.
 """
 
 from collections.abc import Mapping
@@ -23,14 +23,14 @@ class Weights:
     """A published ONNX file.
 
     Attributes:
-        name: what `pretrained` and the command line call it.
+        name: its name for `pretrained` and the command line.
         task: the adapter's role: detector or embedder.
         description: the network in a few words.
         license: SPDX identifier of the license under which the weights are published.
         url: address of the file.
         page: page of the publisher, with the license.
         sha256: SHA-256 of the file in hexadecimal digits.
-        size: of the file in bytes.
+        size: size of the file in bytes.
     """
 
     name: str

@@ -114,13 +114,13 @@ def write_colmap_text(
     names: Sequence[str] | None = None,
     points: np.ndarray | None = None,
 ) -> Path:
-    """Write `cameras.txt`, `images.txt` and `points3D.txt`, one camera and image each.
+    """Write `cameras.txt`, `images.txt` and `points3D.txt`, with one image per camera.
 
     Unregistered cameras are left out. A lens is written as OPENCV, with k3 to k6 as FULL_OPENCV, a
     fisheye as OPENCV_FISHEYE, an ideal camera as PINHOLE.
 
     Args:
-        folder: made if it does not exist.
+        folder: created if it does not exist.
         rig: the cameras.
         names: (C,) image names without spaces; C1, C2, ... if None.
         points: (P, 3) points in the rig's frame, written in gray.
@@ -130,8 +130,8 @@ def write_colmap_text(
 
     Raises:
         InvalidInputError: if no camera is registered, a name has a space, a K has skew, a camera is
-            a grid of rays, which COLMAP cannot hold, or the points are not finite or have another
-            shape.
+            a grid of rays, which COLMAP cannot represent, or the points are not finite or have
+            another shape.
         WriteError: if the folder cannot be made, or the disk is full or not writable.
     """
     root = as_path(folder, "folder")

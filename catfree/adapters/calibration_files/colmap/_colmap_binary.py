@@ -30,7 +30,7 @@ class BinaryFile:
 
         Args:
             path: the file.
-            meaning: what it is, for messages.
+            meaning: description for messages.
         """
         source = require_file(path, meaning)
         try:

@@ -28,21 +28,21 @@ def write_ai_city_tracks(
     person_height: float | int = 1.7,
     person_width: float | int = 0.6,
 ) -> Path:
-    """Write tracks as a `track1.txt`, of 2025, or with detections of 2023 and 2024.
+    """Write tracks as a `track1.txt` of 2025 or, if detections are given, of 2023 and 2024.
 
     2025: `scene_id class_id object_id frame_id x y z width length height yaw`, one row per
     position, z at half the height, class 0 and yaw 0. 2023 and 2024: `camera_id obj_id frame_id
     xmin ymin width height xworld yworld`, one row per box that supports a position. Object ids
-    count from 1; frame numbers are kept, which the challenge counts from 0.
+    count from 1; frame numbers are kept; the challenge counts them from 0.
 
     Args:
         path: the file.
-        tracks: in the coordinates of `calibration.json`, in meters.
-        scene_id: of the sequence (2025).
-        detections: those that the tracks were made from, for the form of 2023 and 2024.
+        tracks: the tracks, in meters in the coordinates of `calibration.json`.
+        scene_id: number of the scene (2025).
+        detections: the detections that the tracks were made from, for the form of 2023 and 2024.
         camera_ids: (C,) numbers of the cameras; 1, 2, ... if None.
-        person_height: in meters (2025).
-        person_width: in meters, also the length (2025).
+        person_height: height of the boxes in meters (2025).
+        person_width: width and length of the boxes in meters (2025).
 
     Returns:
         The path.
@@ -88,8 +88,8 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
     """Read the people of a `track1.txt`, or of a ground truth in its form.
 
     Args:
-        path: the file, in the form of 2025 (11 columns) or of 2023 and 2024 (9 columns, where one
-            position stands in a row for each camera).
+        path: the file, in the form of 2025 (11 columns) or of 2023 and 2024 (9 columns, where a
+            position has one row per camera).
         scene_id: the sequence to read (2025); None if there is only one.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Tracks on the map of the world: GeoJSON, by points whose longitude and latitude are known."""
+"""Tracks on the world map as GeoJSON, located by a georeference."""
 
 import json
 from pathlib import Path
@@ -21,8 +21,8 @@ def write_geojson(path: StrPath, tracks: Tracks, reference: GeoReference | Scene
 
     Args:
         path: the file.
-        tracks: what to write; positions without a track are left out.
-        reference: where the ground is, or a scene that knows it.
+        tracks: the tracks to write; positions without a track are left out.
+        reference: georeference of the ground, or a scene that has one.
 
     Returns:
         The path.

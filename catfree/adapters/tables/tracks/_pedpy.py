@@ -1,4 +1,4 @@
-"""Trajectories as PedPy and the pedestrian dynamics archive of Jülich read them."""
+"""Trajectories in the format of PedPy and of Jülich's pedestrian dynamics archive."""
 
 from pathlib import Path
 
@@ -14,14 +14,15 @@ from catfree.types._validation import as_positive
 def write_pedpy(path: StrPath, tracks: Tracks, frame_rate: float | int | None = None) -> Path:
     """Write `id frame x y z` with the frame rate and the unit in the header.
 
-    `pedpy.load_trajectory(trajectory_file=...)` reads it. Frames that step by more than 1 are
-    numbered from one to the next, and the frame rate is that of the steps. Positions without a
-    track are left out; ids count from 1, and z is 0.
+    `pedpy.load_trajectory(trajectory_file=...)` reads it. Frame numbers that step by more than 1
+    are renumbered without gaps, and the frame rate counts steps. Positions without a track are left
+    out; ids count from 1, and z is 0.
 
     Args:
         path: the file.
-        tracks: in meters.
-        frame_rate: steps of the frame number per second; None for that of the tracks' clock.
+        tracks: the tracks, in meters.
+        frame_rate: increments of the frame number per second; None to take it from the tracks'
+            clock.
 
     Returns:
         The path.

@@ -1,4 +1,4 @@
-"""What the writers of tracks share: the rows that have an identity, and frames without gaps."""
+"""Helpers of the track writers: rows with an identity, and frame numbers without gaps."""
 
 import numpy as np
 from jaxtyping import Int
@@ -10,10 +10,11 @@ from catfree.types._validation import require_instance
 
 
 def tracked(tracks: Tracks, target: StrPath) -> Tracks:
-    """Return the positions that belong to a track, for formats in which each has an identity.
+    """Return the positions that belong to a track, for formats that require identities.
 
     Raises:
-        InvalidInputError: naming the first position that is not finite, or if these are no tracks.
+        InvalidInputError: naming the first position that is not finite, or if the argument is not
+            `Tracks`.
     """
     require_instance(tracks, Tracks, "tracks")
     kept = tracks[tracks.track_id >= 0]

@@ -1,4 +1,4 @@
-"""The folders of TrackEval: ground truth and tracks of one sequence, as MOTChallenge has them."""
+"""The folders of TrackEval: ground truth and tracks of one sequence, in the MOTChallenge layout."""
 
 import configparser
 import io
@@ -25,7 +25,7 @@ def write_trackeval(
     tracker: str = "catfree",
     threshold: float | int = 1.0,
 ) -> Path:
-    """Write truth and tracks such that TrackEval's `MotChallenge2DBox` scores them on the ground.
+    """Write truth and tracks so that TrackEval's `MotChallenge2DBox` scores them on the ground.
 
     Positions become squares that overlap by half at the threshold (`write_mot_ground`). Run it with
     `GT_FOLDER=folder/gt`, `TRACKERS_FOLDER=folder/trackers` and `SKIP_SPLIT_FOL=True`. Further
@@ -33,18 +33,18 @@ def write_trackeval(
 
     Args:
         folder: created if it does not exist.
-        tracks: or (M, 4) rows [frame, id, x, y].
+        tracks: tracks, or (M, 4) rows [frame, id, x, y].
         ground_truth: (G, 4) rows [frame, id, x, y].
         frames: (F,) all frame numbers of the sequence.
-        sequence: its name.
-        tracker: name of what made the tracks.
+        sequence: name of the sequence.
+        tracker: name of the tracker.
         threshold: largest distance of a match along an axis, in the unit of the positions.
 
     Returns:
         The folder.
 
     Raises:
-        InvalidInputError: if a name is not that of a folder, a frame is not among `frames`, or as
+        InvalidInputError: if a name cannot be a folder's, a frame is not among `frames`, or as
             `write_mot_ground`.
         WriteError: if the disk is full or not writable.
     """
