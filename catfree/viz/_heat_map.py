@@ -1,4 +1,4 @@
-"""Where people are most often, without showing where any one of them went."""
+"""Where people are most often, without showing the path of any one of them."""
 
 import os
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class HeatMap:
             fewer than `k` identities visited. Divided by the frame rate, these are
             person-seconds.
         cell: side of a cell in scene units.
-        k: fewest identities of a cell that is shown.
+        k: fewest identities that a shown cell has.
     """
 
     x: Float[np.ndarray, " width"]
@@ -44,16 +44,16 @@ def heat_map(tracks: Tracks, cell: float | int, k: int = 5) -> HeatMap:
     track was cut counts once for each identity: choose k with some margin.
 
     Args:
-        tracks: of any number of frames; positions without an identity are ignored.
+        tracks: tracks over any number of frames; positions without an identity are ignored.
         cell: side of a cell in scene units.
-        k: fewest distinct identities of a cell that is shown.
+        k: fewest distinct identities that a shown cell has.
 
     Returns:
-        The map, as large as the cells that are shown; (0, 0) if there are none.
+        The map, as large as the shown cells require; (0, 0) if there are none.
 
     Raises:
-        InvalidInputError: if `cell` is not a positive length, `k` is below 1, or the cells that are
-            shown are too far apart.
+        InvalidInputError: if `cell` is not a positive length, `k` is below 1, or the shown cells
+            are too far apart.
     """
     require_instance(tracks, Tracks, "tracks")
     side, fewest = as_positive(cell, "cell"), as_count(k, "k", least=1)
@@ -86,7 +86,7 @@ def heat_map(tracks: Tracks, cell: float | int, k: int = 5) -> HeatMap:
 
 
 def write_heat_map(path: str | os.PathLike[str], heat: HeatMap) -> Path:
-    """Write the cells that are shown as CSV: the columns `x`, `y` (centers) and `positions`.
+    """Write the shown cells as CSV: the columns `x`, `y` (centers) and `positions`.
 
     Args:
         path: the file.
@@ -96,7 +96,7 @@ def write_heat_map(path: str | os.PathLike[str], heat: HeatMap) -> Path:
         The path.
 
     Raises:
-        InvalidInputError: if the folder does not exist, or the path is that of a picture.
+        InvalidInputError: if the folder does not exist, or the path names a picture.
         WriteError: if the disk is full or not writable.
     """
     require_instance(heat, HeatMap, "heat")

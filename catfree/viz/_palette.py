@@ -43,12 +43,12 @@ FATE_COLORS: dict[Fate, Color] = {
 
 
 def track_color(track_id: int | np.integer) -> Color:
-    """Red, green and blue in 0..255 of an identity, the same in every picture; gray for -1."""
+    """Return the color of an identity, the same in every picture, in 0..255; gray for -1."""
     return UNTRACKED if track_id < 0 else TRACK_COLORS[int(track_id) % len(TRACK_COLORS)]
 
 
 def line_style(track_id: int | np.integer) -> str:
-    """Matplotlib line style of an identity, to tell apart tracks of the same color."""
+    """Return an identity's matplotlib line style, to tell apart tracks of the same color."""
     return LINE_STYLES[max(int(track_id), 0) // len(TRACK_COLORS) % len(LINE_STYLES)]
 
 

@@ -12,7 +12,7 @@ def person_height(detections: Detections, localization: Localization, scene: Sce
     Args:
         detections: person boxes of the sequence.
         localization: the result of `cf.localize` for them.
-        scene: the scene that it was made with.
+        scene: the scene used for it.
 
     Returns:
         Scene units; 0 if no box shows a tracked person.

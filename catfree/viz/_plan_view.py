@@ -18,12 +18,12 @@ WEDGE_LENGTH = 0.08  # length of a camera's field of view on the plan, as a shar
 
 
 def length_unit(scene: Scene) -> str:
-    """Unit of lengths: `m`, or `scene units` if the scale is unknown."""
+    """Return the unit of lengths: `m`, or `scene units` if the scale is unknown."""
     return "m" if scene.metric else "scene units"
 
 
 def camera_wedges(scene: Scene) -> dict[int, Float[np.ndarray, "3 2"]]:
-    """The field of view of each registered camera from above: center, left and right end.
+    """Find each registered camera's field of view from above: center, left and right end.
 
     Returns:
         (3, 2) ground coordinates by camera. The ends lie `WEDGE_LENGTH * E` away from the center,
@@ -45,7 +45,7 @@ def camera_wedges(scene: Scene) -> dict[int, Float[np.ndarray, "3 2"]]:
 
 
 def camera_names(rig: Rig, names: Sequence[str] | None = None) -> list[str]:
-    """One label per camera: the given names, or C1, C2, ...
+    """Return one label per camera: the given names, or C1, C2, ...
 
     Raises:
         InvalidInputError: if there is not one name per camera.
@@ -57,7 +57,7 @@ def camera_names(rig: Rig, names: Sequence[str] | None = None) -> list[str]:
 def confidence_ellipse(
     covariance: Float[np.ndarray, "2 2"], confidence: float = 0.95
 ) -> tuple[float, float, float]:
-    """The ellipse that holds a Gaussian position with this probability.
+    """Compute the ellipse that holds a Gaussian position with this probability.
 
     Args:
         covariance: (2, 2) in scene units squared.
@@ -79,7 +79,7 @@ def view_area(
     xy: Float[np.ndarray, "n 2"],
     area: Sequence[float | int] | np.ndarray | None = None,
 ) -> tuple[float, float, float, float]:
-    """Rectangle x_min, x_max, y_min, y_max that shows all cameras and nearly all positions.
+    """Find the rectangle x_min, x_max, y_min, y_max of all cameras and nearly all positions.
 
     Args:
         scene: the scene.

@@ -11,7 +11,7 @@ from catfree.geometry._person import people_in_rig
 from catfree.types import Detections, Localization, Scene
 from catfree.viz.footage._drawing import in_reach
 
-BLOCKS = 5  # what is left of a person is about this many colors across
+BLOCKS = 5  # a blurred person is about this many colors across
 MARGIN = 0.15  # beyond each side of a box, as a share of its width, because boxes cut off limbs
 WIDTH_SHARE = 0.5  # width of a standing person with some room, in person heights
 
@@ -68,15 +68,15 @@ def people_regions(
     scene: Scene,
     person_height: float,
 ) -> Float[np.ndarray, "n 4"]:
-    """Boxes of everybody known in one image: the detections, and the tracked people in view.
+    """List the boxes of everybody known in an image: detections and tracked people in view.
 
     Args:
         camera: index of the camera.
         frame: the frame of the image.
         detections: person boxes of the sequence.
-        localization: what `cf.localize` returned for them.
-        scene: the scene it was made with.
-        person_height: in scene units.
+        localization: the result of `cf.localize` for them.
+        scene: the scene used for it.
+        person_height: height of the people in scene units.
 
     Returns:
         (N, 4) x1, y1, x2, y2 in pixels, possibly beyond the image.
@@ -89,7 +89,7 @@ def people_regions(
     pixel = np.stack([foot, (foot + head) / 2, head], 1)
     size = scene.rig.image_size[camera]
     inside = ((pixel >= 0) & (pixel < size)).all(-1).any(-1)
-    # Beside the camera, a person out of the picture would cover all of it.
+    # The box of a person beside the camera, out of view, would cover the whole picture.
     shown = in_front & inside & in_reach(pixel, size).all(-1)
     foot, head = foot[shown], head[shown]
     half = WIDTH_SHARE / 2 * np.linalg.norm(head - foot, axis=-1, keepdims=True)
@@ -100,11 +100,11 @@ def people_regions(
 def posts(
     position: Float[np.ndarray, "n 3"], height: float, scene: Scene, camera: int
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Heads and feet of people of one height in an image.
+    """Project the heads and feet of people of one height into an image.
 
     Args:
-        position: (N, 3) of the people in scene units.
-        height: in scene units.
+        position: (N, 3) positions of the people in scene units.
+        height: height of the people in scene units.
         scene: the cameras and the ground.
         camera: index of the camera.
 

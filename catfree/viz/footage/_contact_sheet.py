@@ -54,9 +54,9 @@ class Board:
 
         Args:
             images: uint8 RGB of the sizes that the board was made for.
-            background: gray level of what they leave free.
-            quick: shrink them by plain interpolation, close to the size of a tile as good as an
-                average.
+            background: gray level of the empty parts.
+            quick: shrink them by plain interpolation, which is as good as averaging for pictures
+                close to the size of a tile.
         """
         import cv2
 
@@ -82,7 +82,7 @@ def write_sheet(path: str | os.PathLike[str], images: Sequence[Image]) -> Path:
     """Write images side by side as one JPEG file.
 
     Args:
-        path: of the JPEG file.
+        path: the JPEG file.
         images: (H, W, 3) uint8 RGB, one per camera, of any sizes.
 
     Returns:

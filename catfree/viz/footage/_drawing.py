@@ -38,7 +38,7 @@ def visible_runs(
 
 
 def default_stroke(image: Image) -> float:
-    """Default line thickness in pixels for an image: 2 at full HD."""
+    """Return the default line thickness in pixels for an image: 2 at full HD."""
     return max(1.0, image.shape[0] / 540)
 
 
@@ -82,7 +82,7 @@ def fill_polygon(
 
 
 def text_size(text: str, stroke: float) -> tuple[int, int]:
-    """Width and height in pixels of a label, including its background."""
+    """Compute width and height in pixels of a label, including its background."""
     import cv2
 
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, *_font(stroke))
@@ -135,7 +135,7 @@ def draw_labels(
 
 
 def round_step(length: float) -> float:
-    """The largest number at most `length` that is 1, 2 or 5 times a power of ten."""
+    """Round down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length))
     steps = [step for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9)]
     return float(max(steps, default=1.0) * power)

@@ -68,7 +68,7 @@ def draw_ground_grid(
 ) -> Image:
     """Draw a grid of the ground, with colored axes, on a copy of a camera's image.
 
-    If the lines follow the edges of the floor and stop at walls, rig and ground are right.
+    If the lines follow the edges of the floor and stop at walls, rig and ground are correct.
 
     Args:
         image: (H, W, 3) uint8 RGB of the camera's original size.
@@ -118,8 +118,8 @@ def draw_ground_grids(images: Sequence[Image], scene: Scene) -> list[Image]:
     """Draw the same grid on the pictures of all cameras, as `draw_ground_grid` does on one.
 
     Args:
-        images: (H, W, 3) uint8 RGB of each camera; of those that are not registered the picture
-            stays as it is.
+        images: (H, W, 3) uint8 RGB of each camera; pictures of unregistered cameras stay as they
+            are.
         scene: the scene.
 
     Raises:

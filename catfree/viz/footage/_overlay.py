@@ -64,20 +64,20 @@ def draw_frame(
         camera: index of the camera.
         frame: the frame of `detections` and tracks that the image shows.
         detections: person boxes of the sequence; if empty, no boxes are drawn.
-        localization: what `cf.localize` returned for them.
-        scene: the scene it was made with.
+        localization: the result of `cf.localize` for them.
+        scene: the scene used for it.
         person_height: height of the posts in scene units; None for the median of the people seen.
         stroke: line thickness in pixels; None for a default by image size.
-        blur: make everybody unrecognizable who has a box or a position in the frame. Undetected
-            people stay visible.
+        blur: make everybody with a box or a position in the frame unrecognizable. Undetected people
+            stay visible.
 
     Returns:
         (H, W, 3) uint8 RGB. For a camera that is not registered, only boxes are drawn.
 
     Raises:
         InvalidInputError: if the image is not uint8 RGB or of another size than the camera, there
-            is no such camera, the localization was made from other detections, or an argument is
-            something else.
+            is no such camera, the localization was made from other detections, or an argument has
+            another type.
     """
     image, camera, frame = as_image(image), as_count(camera, "camera"), as_count(frame, "frame")
     require_instance(detections, Detections, "detections")
@@ -125,14 +125,14 @@ def write_overlay_video(
     Holds two instants in memory at a time.
 
     Args:
-        path: of the file, which appears only once it is complete: `.webm` (VP8, which browsers
+        path: the file, which appears only once it is complete: `.webm` (VP8, which browsers
             play) or `.mp4` (MPEG-4 Part 2, which is written several times as fast).
         videos: the cameras' videos in the rig's order: one file or image folder each, or
-            `SynchronizedVideos`, whose frame indices are those of the detections.
+            `SynchronizedVideos` with the frame indices of the detections.
         detections: person boxes of the sequence.
-        localization: what `cf.localize` returned for them.
-        scene: the scene it was made with.
-        width: of the video in pixels; made even.
+        localization: the result of `cf.localize` for them.
+        scene: the scene used for it.
+        width: width of the video in pixels; made even.
         fps: frames per second; None for the rate of the videos.
         person_height: height of the posts in scene units; None for the median of the people seen.
         camera_names: (C,) labels; None for C1, C2, ...
@@ -197,7 +197,7 @@ def write_overlay_video(
 
 @contextlib.contextmanager
 def _silent_codec() -> Iterator[None]:
-    """Discard what OpenCV prints on standard error about WebM having no codec tags."""
+    """Discard OpenCV's message on standard error that WebM has no codec tags."""
     with contextlib.ExitStack() as stack, open(os.devnull, "wb") as nothing:
         with contextlib.suppress(OSError):  # there may be no standard error
             kept = os.dup(2)
@@ -231,7 +231,7 @@ class _Screen:
         self._frames = np.unique(tracks.frame)
 
     def stroke_in(self, camera: int) -> float:
-        """Thickness in the original image that gives the board's stroke after scaling."""
+        """Return the thickness in the original image that becomes the board's stroke."""
         return float(self._stroke / self._board.scale[camera])
 
     def assemble(self, frame: int, pictures: Sequence[Image]) -> Image:
@@ -249,7 +249,7 @@ class _Screen:
 
 
 def _tile_columns(count: int, ratio: float) -> int:
-    """Columns that bring the video closest to 16:9; `ratio` is a tile's height over its width."""
+    """Choose the columns for a video near 16:9; `ratio` is a tile's height over its width."""
     columns = np.arange(1, count + 1)
     height = (1 - PLAN_SHARE) * np.ceil(count / columns) / columns * ratio
     return int(columns[np.argmin(np.abs(np.log(height * 16 / 9)))])

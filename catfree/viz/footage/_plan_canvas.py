@@ -48,7 +48,7 @@ class PlanCanvas:
         self._draw_cameras(scene, names)
 
     def to_pixels(self, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        """Pixels (..., 2) of ground coordinates (..., 2); y points up on the ground."""
+        """Convert ground coordinates (..., 2), with y pointing up, to pixels (..., 2)."""
         return self._origin + self._scale * np.asarray(xy, np.float64) * np.array([1, -1])
 
     def draw(self, positions: Tracks, trail: Tracks) -> Image:

@@ -80,8 +80,8 @@ def write_blocks(folder: str | os.PathLike[str], blocks: Sequence[Block]) -> lis
     """Write blocks as `report.md` and `report.html`.
 
     Args:
-        folder: where they go; it must exist.
-        blocks: in their order.
+        folder: an existing folder for the files.
+        blocks: the blocks, in order.
 
     Returns:
         The two files.
@@ -94,7 +94,7 @@ def write_blocks(folder: str | os.PathLike[str], blocks: Sequence[Block]) -> lis
 
 
 def to_markdown(blocks: Iterable[Block]) -> str:
-    """Blocks as Markdown, whose text is not HTML."""
+    """Convert blocks to Markdown, with `<` escaped."""
     return "\n\n".join(_markdown_parts(blocks)).replace("<", "\\<") + "\n"
 
 
@@ -127,7 +127,7 @@ def _markdown_parts(blocks: Iterable[Block]) -> list[str]:
 
 
 def to_html(blocks: Sequence[Block]) -> str:
-    """Blocks as one HTML page, which needs no network."""
+    """Convert blocks to one HTML page, which needs no network."""
     title = next((b.text for b in blocks if isinstance(b, Heading)), "catfree")
     body = []
     for wide, group in groupby(blocks, _is_wide):
@@ -142,7 +142,7 @@ def to_html(blocks: Sequence[Block]) -> str:
 
 
 def _is_wide(block: Block) -> bool:
-    """Return whether a block takes the width of the window, not that of a column of text."""
+    """Return whether a block spans the window instead of a column of text."""
     return isinstance(block, Player | Notice) or (isinstance(block, Heading) and block.level == 1)
 
 
@@ -171,7 +171,7 @@ def _html_parts(blocks: Iterable[Block]) -> list[str]:
                 )
             case Notice(title, sentences):
                 inner = "".join(_html_parts(Paragraph(sentence) for sentence in sentences))
-                # A box that scrolls must take the focus of the keyboard.
+                # A box that scrolls must be focusable by keyboard.
                 parts.append(
                     f'<section class="notice" tabindex="0" aria-label="{html.escape(title)}">'
                     f"<h2>{html.escape(title)}</h2>{inner}</section>"

@@ -48,7 +48,7 @@ def choose_excerpt(
     Args:
         frames: (T,) sorted frame numbers of the run.
         tracked: (M,) frame number of each position.
-        cameras: their number.
+        cameras: number of cameras.
         frame_rate: instants of the run per second, or None if unknown.
         pictured: whether the page has pictures, whose number is limited.
     """
@@ -68,7 +68,7 @@ def choose_excerpt(
 
 
 def arrange(image_size: Int[np.ndarray, "cam 2"]) -> Board:
-    """Where each camera's picture is in the pictures of the page."""
+    """Lay out the cameras' pictures in the pictures of the page."""
     columns = math.ceil(math.sqrt(len(image_size)))
     width = min(BOARD_WIDTH // columns, LARGEST_TILE)
     height = max(round(width * float((image_size[:, 1] / image_size[:, 0]).max())), 1)
@@ -93,7 +93,7 @@ def write_pictures(
         excerpt: which instants.
         detections: person boxes, for `blur`.
         localization: positions, for `blur`.
-        scene: the scene it was made with.
+        scene: the scene used for it.
         blur: make people unrecognizable.
 
     Returns:
@@ -119,5 +119,5 @@ def write_pictures(
 
 
 def earlier_pictures(folder: Path) -> list[Path]:
-    """The files in a folder, if it exists, whose names `write_pictures` gives."""
+    """List the files in a folder, if it exists, that are named as by `write_pictures`."""
     return [path for path in folder.glob("*.jpg") if path.stem.removeprefix("-").isdecimal()]

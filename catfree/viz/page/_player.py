@@ -28,7 +28,7 @@ RESOLUTION = 1e-4  # of a coordinate, as a share of the plan
 
 @dataclass(frozen=True)
 class Player:
-    """What the player shows.
+    """The content of the player.
 
     Attributes:
         data: the document that `player.js` reads.
@@ -49,12 +49,12 @@ def make_player(
     pictures: str | None = None,
     coverage: Coverage | None = None,
 ) -> Player:
-    """Collect what the player shows.
+    """Collect the content of the player.
 
     Args:
         excerpt: the instants.
         detections: person boxes of the run.
-        localization: what was found in them.
+        localization: the result of `cf.localize` for them.
         scene: cameras and ground.
         camera_names: (C,) names.
         pictures: folder of the pictures, relative to the page; None without pictures.
@@ -94,7 +94,7 @@ def make_player(
 
 
 def player_markup(player: Player) -> str:
-    """The player as HTML: markup, data and script; `page.css` gives its looks."""
+    """Return the player as HTML: markup, data and script; `page.css` styles it."""
     last = len(player.data["frames"]) - 1
     layers = ["ellipses", "trails", "boxes"]
     layers += [] if player.data["coverage"] is None else ["coverage"]
@@ -128,7 +128,7 @@ def player_markup(player: Player) -> str:
 
 
 def page_style() -> str:
-    """The style sheet of the report page."""
+    """Return the style sheet of the report page."""
     return _resource("page.css")
 
 
@@ -198,7 +198,7 @@ def _boxes(
 
 
 def _covered(coverage: Coverage) -> dict[str, Any]:
-    """Cells of the ground that two cameras see, at a coarse resolution."""
+    """Find the cells of the ground that two cameras see, at a coarse resolution."""
     step = -(-max(coverage.cameras.shape) // MOST_CELLS)
     x_min, x_max, y_min, y_max = coverage.area
     height, width = coverage.cameras.shape

@@ -28,7 +28,7 @@ def require_pyplot() -> Any:
 
 
 def axes_or_new(ax: "Axes | None", view: tuple[float, float, float, float]) -> "Axes":
-    """The given axes, or those of a new figure.
+    """Return the given axes, or those of a new figure.
 
     Args:
         ax: axes to draw on, or None.
@@ -51,7 +51,7 @@ def show_ground(ax: "Axes", view: tuple[float, float, float, float], unit: str) 
     Args:
         ax: the axes.
         view: x_min, x_max, y_min, y_max in ground coordinates.
-        unit: of the ground coordinates.
+        unit: unit of the ground coordinates.
     """
     ax.set(xlim=view[:2], ylim=view[2:], aspect="equal")
     ax.set(xlabel=f"ground x ({unit})", ylabel=f"ground y ({unit})")
@@ -69,9 +69,9 @@ def show_map(
 
     Args:
         ax: the axes.
-        values: (H, W), of rising y.
+        values: (H, W), rows in ascending y.
         area: x_min, x_max, y_min, y_max of the outer edges of the cells.
-        label: of the color bar.
+        label: label of the color bar.
         look: colors of the values, as `Axes.imshow` takes them.
         **bar: ticks and format of the color bar.
     """
@@ -82,7 +82,7 @@ def show_map(
 
 
 def plain_label(text: str) -> str:
-    """A name that matplotlib draws as it is: no formula between dollars, no missing glyph.
+    """Escape a name for matplotlib: no formula between dollars, no missing glyph.
 
     Letters that the fonts of `rcParams` lack become question marks, as OpenCV draws them.
     """
@@ -99,7 +99,7 @@ def plain_label(text: str) -> str:
 
 
 def figure_of(ax: "Axes") -> "Figure":
-    """The top-level figure of axes, also of axes inside a sub-figure.
+    """Return the top-level figure of axes, also of axes inside a sub-figure.
 
     Raises:
         InvalidInputError: if the axes were removed from their figure.

@@ -60,8 +60,8 @@ def plot_bird_eye(
         frames: the frames to draw; None for all.
         camera_names: (C,) labels of the cameras; None for C1, C2, ...
         confidence: probability of the ellipses.
-        detail_limit: number of tracks, the longest, drawn with identity, ellipse and added
-            positions; the others are thin lines, because more cannot be told apart.
+        detail_limit: the number of longest tracks drawn with identity, ellipse and added positions;
+            the others are thin lines, because more would be indistinguishable.
         legend: whether to draw a legend.
 
     Returns:

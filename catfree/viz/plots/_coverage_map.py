@@ -46,7 +46,7 @@ def plot_coverage(
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
-        InvalidInputError: if `quantity` is unknown, or an argument is something else.
+        InvalidInputError: if `quantity` is unknown, or an argument has another type.
     """
     require_instance(coverage, Coverage, "coverage")
     require_scene(scene)
@@ -69,10 +69,10 @@ def plot_coverage(
 
 
 def iso_levels(sigma: np.ndarray) -> np.ndarray:
-    """Round numbers (1, 2, 3, 5 or 7 times a power of ten) that span the bulk of finite values.
+    """List round numbers (1, 2, 3, 5 or 7 times a power of ten) spanning most finite values.
 
     Args:
-        sigma: any shape, may hold inf.
+        sigma: array of any shape, possibly with inf.
     """
     finite = sigma[np.isfinite(sigma) & (sigma > 0)]
     if len(finite) == 0:

@@ -18,7 +18,7 @@ def plot_heat_map(heat: HeatMap, *, ax: "Axes | None" = None, unit: str = "m") -
     Args:
         heat: the result of `heat_map`.
         ax: matplotlib axes to draw on; None for a new figure.
-        unit: of the ground coordinates, for the labels.
+        unit: unit of the ground coordinates, for the labels.
 
     Returns:
         The axes, in ground coordinates.

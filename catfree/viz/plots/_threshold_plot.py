@@ -45,7 +45,7 @@ def plot_gates(
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
-        InvalidInputError: if an argument is something else, or the radius is not positive.
+        InvalidInputError: if an argument has another type, or the radius is not positive.
 
     Source: paper, Fig. gates.
     """

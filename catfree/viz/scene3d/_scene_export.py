@@ -59,7 +59,7 @@ def write_glb(
 
     Raises:
         InvalidInputError: if colors do not match the points, the folder does not exist, or an
-            argument is something else.
+            argument has another type.
     """
     require_scene(scene)
     import trimesh

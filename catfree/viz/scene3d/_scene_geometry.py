@@ -15,7 +15,7 @@ TUBE_SIDES = 8
 
 
 def frustum_corners(scene: Scene, camera: int, depth: float) -> Float[np.ndarray, "5 3"]:
-    """The camera center, then the four corners of the picture at this depth.
+    """Find the camera center and the four corners of the picture at this depth.
 
     Args:
         scene: the scene.
@@ -41,12 +41,12 @@ def tube(
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """Build a closed tube around a polyline that lies in a plane.
 
-    In trimesh, this is a cylinder per step, which takes a second per two thousand, or a sweep,
+    trimesh offers a cylinder per step, which takes a second per two thousand steps, or a sweep,
     which needs another package.
 
     Args:
         points: (N, 3) at least two points, successive ones distinct.
-        radius: of the tube, in the units of the points.
+        radius: radius of the tube, in the units of the points.
         up: (3,) unit normal of the plane.
 
     Returns:
@@ -84,7 +84,7 @@ def tube(
 
 
 def track_lines(tracks: Tracks) -> dict[int, Float[np.ndarray, "n 3"]]:
-    """The path of every identity (N, 3) in scene units, without the frames of standing still.
+    """Return the path (N, 3) of each identity in scene units, without frames of standing still.
 
     Tracks that never move are left out.
     """
@@ -98,7 +98,7 @@ def track_lines(tracks: Tracks) -> dict[int, Float[np.ndarray, "n 3"]]:
 
 
 def tracks_of(localization: Localization | None) -> Tracks:
-    """The tracks of a run; empty tracks for None."""
+    """Return the tracks of a run; empty tracks for None."""
     if localization is not None:
         require_instance(localization, Localization, "localization")
         return localization.tracks
@@ -108,7 +108,7 @@ def tracks_of(localization: Localization | None) -> Tracks:
 
 
 def ground_corners(scene: Scene, tracks: Tracks) -> Float[np.ndarray, "4 3"]:
-    """(4, 3) corners of a rectangle of ground below all cameras and tracks."""
+    """Find the corners (4, 3) of a rectangle of ground below all cameras and tracks."""
     x_min, x_max, y_min, y_max = view_area(scene, tracks.ground_xy)
     return from_plan(
         scene, np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
