@@ -1,4 +1,4 @@
-"""The value of single cameras: coverage without one, with one more, and a ranking."""
+"""The value of single cameras: coverage with one more or one fewer, and a ranking."""
 
 from typing import Any, Unpack
 
@@ -24,12 +24,12 @@ PARALLEL = 1e-6  # sine of the angle to the ground's normal below which upright 
 
 
 class CameraRanking(eqx.Module):
-    """Loss of coverage without each camera of the rig.
+    """Coverage lost without each camera of the rig.
 
     Attributes:
         order: (K,) the registered cameras, the least important first.
         accuracy: `Coverage.accuracy` of the whole rig.
-        accuracy_without: (K,) the same without each camera of `order`.
+        accuracy_without: (K,) accuracy without each camera of `order`.
         covered_without: (K,) share of the area seen by two cameras without it.
         median_sigma_without: (K,) median sigma without it, scene units.
     """
@@ -46,7 +46,7 @@ class CameraGain(eqx.Module):
 
     Attributes:
         before: coverage of the present rig.
-        after: coverage with the new camera, which is the last one, over the same cells.
+        after: coverage with the new camera, appended as the last one, over the same cells.
     """
 
     before: Coverage
@@ -89,8 +89,8 @@ def camera_gain(
 
     Args:
         scene: cameras, ground and extent.
-        center: (3,) its center, scene units.
-        target: (3,) the point that it looks at, scene units; the camera is held upright.
+        center: (3,) center of the new camera, scene units.
+        target: (3,) the point that it looks at, scene units; the camera is upright.
         area: as in `coverage`; None for the area of the present rig.
         like: index of the camera to copy (focal length and image size, without lens distortion);
             None for the first registered camera.

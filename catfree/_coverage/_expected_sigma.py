@@ -132,7 +132,7 @@ def coverage(
 
 
 def visible_area(scene: Scene) -> tuple[float, float, float, float]:
-    """Rectangle around the ground that at least two cameras see, within E of the mean camera.
+    """Find the rectangle around the ground seen by two cameras, within E of the mean camera.
 
     Args:
         scene: cameras, ground and extent.
@@ -164,7 +164,7 @@ def coverage_of(
     sigma_theta: float | int = SIGMA_THETA,
     person_height: float | int | None = None,
 ) -> Coverage:
-    """`coverage` by the cameras for which `active` (C,) is true."""
+    """Compute `coverage` by the cameras for which `active` (C,) is true."""
     require_two(np.asarray(scene.rig.registered))
     extent = float(scene.extent)
     cell = extent / CELLS_PER_EXTENT

@@ -60,7 +60,7 @@ def quantile(
     share: float,
     where: Bool[HostOrDevice, " n"] | None = None,
 ) -> Float[Array, ""]:
-    """The quantile of a masked sample, linear between neighbors.
+    """Compute the quantile of a masked sample, linear between neighbors.
 
     Args:
         values: (n,) sample, any unit. Entries that are not finite are not part of it.
@@ -107,7 +107,7 @@ def select(
         Masks and thresholds.
 
     Raises:
-        InvalidInputError: if the quantile is outside [0, 1], or there are no such gates.
+        InvalidInputError: if the quantile is outside [0, 1], or `gates` is unknown.
 
     Source: paper, Sec. "Selecting pedestrian positions".
     """

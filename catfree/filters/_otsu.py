@@ -40,7 +40,7 @@ class _Split(NamedTuple):
 def _sorted_sample(
     values: Float[Array, " n"], member: Bool[Array, " n"]
 ) -> tuple[Float[Array, " sorted"], Int[Array, ""]]:
-    """The members in ascending order followed by +inf, two or more in all, and their number."""
+    """The members in ascending order, then +inf (two or more entries in all), and their number."""
     ordered = jnp.sort(jnp.where(member, values, jnp.inf))
     lacking = max(2 - len(ordered), 0)
     return jnp.pad(ordered, (0, lacking), constant_values=jnp.inf), jnp.sum(member)
@@ -129,7 +129,7 @@ def _gain_over(
 def otsu(
     values: Num[HostOrDevice, " n"], where: Bool[HostOrDevice, " n"] | None = None
 ) -> Float[Array, ""]:
-    """The value that best separates a sample into a low and a high class.
+    """Find the value that best separates a sample into a low and a high class.
 
     Exact on the sample: of all splits between distinct neighbors, the one with the largest
     between-class variance (the lowest of equals); the threshold is midway between the two
@@ -157,7 +157,7 @@ def otsu(
 def log_otsu(
     values: Num[HostOrDevice, " n"], where: Bool[HostOrDevice, " n"] | None = None
 ) -> Float[Array, ""]:
-    """Otsu's threshold of positive values with a skewed distribution: exp(Otsu(log values)).
+    """Find Otsu's threshold of skewed positive values: exp(Otsu(log values)).
 
     The split is chosen among the logarithms; the threshold is the geometric mean of the two
     neighbors, which equals exp of their mean logarithm without its rounding. Multiplying all values
@@ -188,7 +188,7 @@ def log_otsu(
 def otsu_separability(
     values: Num[HostOrDevice, " n"], where: Bool[HostOrDevice, " n"] | None = None
 ) -> Float[Array, ""]:
-    """Largest ratio of between-class to total variance over all splits of a sample in two.
+    """Find the largest ratio of between-class to total variance over all splits of a sample.
 
     Args:
         values: (n,) sample, any unit. Entries that are not finite are not part of it.

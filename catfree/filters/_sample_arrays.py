@@ -14,13 +14,13 @@ def as_floating(values: jax.typing.ArrayLike, name: str) -> Float[Array, "..."]:
     """Convert to a JAX array of the input's float type, or the default float for other numbers.
 
     Raises:
-        InvalidInputError: if these are no real numbers.
+        InvalidInputError: if these are not real numbers.
     """
     return jnp.asarray(as_float(values, name))
 
 
 def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:
-    """`as_floating` of a flat array; use `jax.vmap` for a batch of samples."""
+    """Convert a flat array as `as_floating`; use `jax.vmap` for a batch of samples."""
     array = as_floating(values, "values")
     if array.ndim != 1:
         raise InvalidInputError(
@@ -42,7 +42,7 @@ def as_selection(where: jax.typing.ArrayLike | None, shape: tuple[int, ...]) -> 
 
 
 def as_radius(radius: jax.typing.ArrayLike, dtype: jnp.dtype) -> Float[Array, ""]:
-    """Convert to one JAX number; infinite ones are allowed, negative ones are not."""
+    """Convert to one JAX number, which may be infinite but not negative."""
     if is_traced(radius):
         return jnp.asarray(radius, dtype)
     number = np.asarray(as_float(radius, "radius"), np.float64)

@@ -87,7 +87,7 @@ def auxiliary_score(
 def view_support_ratio(
     supporting: Bool[HostOrDevice, " cam"], seeing: Bool[HostOrDevice, " cam"]
 ) -> Float[Array, ""]:
-    """Share of the cameras that should see a position and do.
+    """Compute the share of the cameras expected to see a position that do.
 
     Args:
         supporting: (C,) cameras with a supporting ray.
@@ -97,7 +97,7 @@ def view_support_ratio(
         () in [0, 1]; 0 if no camera sees the position.
 
     Raises:
-        InvalidInputError: if the two are of different shapes, or do not hold true and false.
+        InvalidInputError: if the two have different shapes, or hold anything but true and false.
 
     Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
     """
@@ -110,7 +110,7 @@ def view_support_ratio(
 def median_residual(
     residuals: Num[HostOrDevice, " cam"], where: Bool[HostOrDevice, " cam"]
 ) -> Float[Array, ""]:
-    """The median angular residual of the supporting rays; the signal is its negative.
+    """Compute the median angular residual of the supporting rays; the signal is its negative.
 
     Args:
         residuals: (C,) angles in radians.
@@ -131,7 +131,7 @@ def median_residual(
 def height_consistency(
     heights: Num[HostOrDevice, " cam"], where: Bool[HostOrDevice, " cam"]
 ) -> Float[Array, ""]:
-    """Agreement of the cameras on a person's height: minus the relative spread.
+    """Measure the cameras' agreement on a person's height: minus the relative spread.
 
     Args:
         heights: (C,) implied heights, any unit.
@@ -164,7 +164,7 @@ def _standardize(values: Float[Array, " h"], valid: Bool[Array, " h"]) -> Float[
     # Centering twice brings a constant column to 0 within its rounding.
     values = jnp.where(valid, values - jnp.sum(values) / count, 0)
     values = jnp.where(valid, values - jnp.sum(values) / count, 0)
-    largest = jnp.max(jnp.abs(values), initial=0)  # whose square overflows in some units
+    largest = jnp.max(jnp.abs(values), initial=0)  # its square overflows in some units
     values = values / jnp.where(largest > 0, largest, 1)
     variance = jnp.sum(jnp.square(values)) / count
     return values / jnp.sqrt(jnp.where(variance > 0, variance, 1))

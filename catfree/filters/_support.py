@@ -19,7 +19,7 @@ def support(
     weights: Num[HostOrDevice, "cam ray"],
     radius: ScalarLike,
 ) -> Int[Array, " cam"]:
-    """The ray of each camera that supports a position: the most reliable one within the radius.
+    """Find each camera's ray that supports a position: the most reliable within the radius.
 
     Args:
         position: (3,) in scene units.
@@ -64,14 +64,14 @@ def support(
 def weighted_support(
     index: Int[HostOrDevice, " cam"], weights: Num[HostOrDevice, "cam ray"]
 ) -> Float[Array, ""]:
-    """Sum of the reliabilities w of the rays that support a position.
+    """Sum the reliabilities w of the rays that support a position.
 
     Args:
         index: (C,) supporting ray of each camera, or -1 (from `support`).
         weights: (C, D) reliability w of the rays.
 
     Returns:
-        () sum of the reliabilities.
+        () the sum.
 
     Raises:
         InvalidInputError: if a camera has no such ray.

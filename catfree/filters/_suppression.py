@@ -19,7 +19,7 @@ def suppress(
     radius: ScalarLike,
     where: Bool[HostOrDevice, " h"] | None = None,
 ) -> Bool[Array, " h"]:
-    """Keep the strongest of positions that are closer than a radius (greedy NMS).
+    """Keep the strongest of the positions within a radius of each other (greedy NMS).
 
     In order of descending priority, a position is kept if it is farther than the radius from all
     positions kept before. Computed in parallel rounds: positions that no undecided neighbor beats
@@ -29,7 +29,7 @@ def suppress(
         positions: (H, 2) on the ground, any unit.
         priority: (H,), or (H, k) where later columns break ties of earlier ones. The lower index
             wins remaining ties.
-        radius: in the unit of the positions, 0 or more; a distance equal to it suppresses.
+        radius: 0 or more, in the unit of the positions; a distance equal to it suppresses.
         where: (H,) which positions take part; the others may hold anything and are not kept.
 
     Returns:
@@ -37,8 +37,8 @@ def suppress(
 
     Raises:
         InvalidInputError: if the numbers of priorities and positions differ, positions do not have
-            2 coordinates, the radius is not a number, 0 or more, or `where` does not hold true and
-            false.
+            2 coordinates, the radius is negative or not a number, or `where` holds anything but
+            true and false.
 
     Source: paper, Sec. "Selecting pedestrian positions", duplicate removal.
     """
@@ -72,14 +72,14 @@ def outside(
     Args:
         positions: (H, 2) on the ground, any unit.
         accepted: (H,) which positions are accepted.
-        radius: in the unit of the positions, 0 or more.
+        radius: 0 or more, in the unit of the positions.
         where: (H,) which positions to test; the others may hold anything unless accepted.
 
     Returns:
         (H,) bool; false where `where` is false, and for accepted positions.
 
     Raises:
-        InvalidInputError: as `suppress`, or if `accepted` does not hold true and false.
+        InvalidInputError: as `suppress`, or if `accepted` holds anything but true and false.
 
     Source: paper, Sec. "Selecting pedestrian positions", recovery.
     """
