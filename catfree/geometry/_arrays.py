@@ -25,20 +25,20 @@ def float_arrays(*optional: str, **values: Any) -> tuple[Any, ...]:
     """Convert everything to JAX arrays of one float dtype.
 
     Args:
-        optional: names of those that may be None, which stays None.
-        values: by their names, for messages.
+        optional: names of the values that may be None; None stays None.
+        values: values by name, for messages.
 
     The dtype is the widest of `as_float` of the arrays of floats, or JAX's default float if there
     are none. Python scalars never widen it.
 
     Raises:
-        InvalidInputError: if something does not hold real numbers.
+        InvalidInputError: if a value does not hold real numbers.
     """
     converted = [
         None if value is None and name in optional else as_float(value, name)
         for name, value in values.items()
     ]
-    # Whole numbers and scalars, also Python scalars that went through `jax.jit`, have no say.
+    # Whole numbers and scalars, including Python scalars passed through `jax.jit`, do not count.
     floats = [
         jnp.result_type(c)
         for v, c in zip(values.values(), converted, strict=True)
@@ -67,7 +67,7 @@ def require_vectors(length: int, **vectors: Any) -> None:
 
 
 def require_rays(origins: HostOrDevice, directions: HostOrDevice, weights: HostOrDevice) -> None:
-    """Raise unless these are rays of one person: of equal number, the present ones of length 1.
+    """Raise unless these are rays of one person: equally many, and present ones of length 1.
 
     Lengths are not known while JAX traces.
     """
@@ -86,17 +86,17 @@ def require_rays(origins: HostOrDevice, directions: HostOrDevice, weights: HostO
 
 
 def safe_norm(vector: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
-    """Euclidean length along the last axis, with gradient 0 (not NaN) at the zero vector."""
+    """Compute the length along the last axis, with gradient 0 (not NaN) at the zero vector."""
     squared = jnp.sum(vector * vector, axis=-1)
     positive = squared > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1)), 0)
 
 
 def tiny(dtype: Any) -> float:
-    """The smallest normal number of a dtype, as a Python float."""
+    """Return the smallest normal number of a dtype, as a Python float."""
     return float(jnp.finfo(dtype).tiny)
 
 
 def epsilon(dtype: Any) -> float:
-    """The machine epsilon of a dtype, as a Python float."""
+    """Return the machine epsilon of a dtype, as a Python float."""
     return float(jnp.finfo(dtype).eps)

@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 
 def padded_length(count: int, block: int, factor: int = 4) -> int:
-    """The smallest of block, block · factor, block · factor², ... that holds `count`.
+    """Return the smallest of block, block · factor, block · factor², ... that holds `count`.
 
     A larger factor needs fewer compilations, a smaller one less padding.
 

@@ -30,7 +30,7 @@ class CanonicalFrame(eqx.Module):
 
     @classmethod
     def of(cls, scene: Scene) -> "CanonicalFrame":
-        """The frame of a scene.
+        """Make the frame of a scene.
 
         Raises:
             InvalidInputError: if it is not a `Scene`.
@@ -44,17 +44,17 @@ class CanonicalFrame(eqx.Module):
         return cls(axes, center, height, float(scene.extent))
 
     def to_canonical(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
-        """World points (..., 3) in the canonical frame."""
+        """Convert world points (..., 3) to the canonical frame."""
         local = (np.asarray(points, np.float64) - self.center) @ self.axes
         return (local + np.array([0.0, 0.0, self.offset])) / self.extent
 
     def to_world(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
-        """Canonical points (..., 3) in world coordinates."""
+        """Convert canonical points (..., 3) to world coordinates."""
         local = np.asarray(points, np.float64) * self.extent - np.array([0.0, 0.0, self.offset])
         return local @ self.axes.T + self.center
 
     def rig(self, rig: Rig) -> Rig:
-        """The rig in the canonical frame; unregistered cameras keep their values."""
+        """Convert a rig to the canonical frame; unregistered cameras keep their values."""
         rotation = np.asarray(rig.R, np.float64) @ self.axes
         centers = self.to_canonical(np.asarray(rig.centers))
         return replace(

@@ -1,6 +1,6 @@
 """Levenberg-Marquardt for bundle adjustment: many small blocks, connected by a few views.
 
-A sighting depends on one view (a camera) and one block (a person) only. The blocks are therefore
+A sighting depends only on one view (a camera) and one block (a person). The blocks are therefore
 eliminated one by one (Schur complement), and one forward-mode derivative per parameter of a view
 and of a block gives the whole Jacobian.
 
@@ -20,8 +20,8 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 SMALLEST_DAMPING, LARGEST_DAMPING = 1e-8, 1e6  # relative increase of the diagonal
 RISE = 10.0  # factor of the damping after rejected steps
-# Widths of robust losses in standard deviations: 95 % efficient where all errors are normal; and
-# where the weight is 1/2.
+# Widths of robust losses in standard deviations: 95 % efficient for normal errors; and where the
+# weight is 1/2.
 HUBER, CAUCHY = 1.345, 2.0
 
 Loss = Callable[[Float[Array, "*n"]], Float[Array, "*n"]]
@@ -46,9 +46,9 @@ class Residuals(NamedTuple):
 
     Attributes:
         sighting: (V, B, e, d) e vectors of length d per view and block; zero where the view does
-            not see the block. Each depends on its view and its block only.
-        view: (m,) priors on the views, each of which may depend on all of them.
-        block: (B, n) priors on the blocks, each of which depends on its block only.
+            not see the block. Each depends only on its view and its block.
+        view: (m,) priors on the views; each may depend on all views.
+        block: (B, n) priors on the blocks; each depends only on its block.
     """
 
     sighting: Float[Array, "view block e d"]
@@ -60,12 +60,12 @@ Problem = Callable[[Unknowns, Args], tuple[Residuals, Residuals]]
 
 
 def cauchy(squared: Float[Array, "*n"], width: float) -> Float[Array, "*n"]:
-    """Cauchy loss of squared residuals; the weight of a residual of `width` is 1/2."""
+    """Apply the Cauchy loss to squared residuals; a residual of `width` has weight 1/2."""
     return width**2 * jnp.log1p(squared / width**2)
 
 
 def huber(squared: Float[Array, "*n"], width: float) -> Float[Array, "*n"]:
-    """Huber loss of squared residuals: quadratic up to `width`, then linear."""
+    """Apply the Huber loss to squared residuals: quadratic up to `width`, then linear."""
     inside = squared <= width**2
     length = jnp.sqrt(jnp.where(inside, width**2, squared))
     return jnp.where(inside, squared, 2 * width * length - width**2)
@@ -75,13 +75,13 @@ def robust(residuals: Residuals, loss: Loss) -> tuple[Residuals, Residuals]:
     """Apply a robust loss to the lengths of the sightings; priors remain quadratic.
 
     Args:
-        residuals: of the problem.
+        residuals: residuals of the problem.
         loss: cost of squared lengths, with slope 1 at zero and a falling slope.
 
     Returns:
         Residuals whose sum of squares is the robust cost; and the given residuals times the square
-        root of their weight, the slope of the loss, which counts as constant in derivatives. The
-        latter have the gradient of the robust cost, and the usual approximation of its curvature.
+        root of their weight (the slope of the loss, constant in derivatives). The latter have the
+        gradient of the robust cost, and the usual approximation of its curvature.
     """
     squared = jnp.sum(residuals.sighting**2, axis=-1, keepdims=True)
     cost, weight = jax.jvp(loss, (squared,), (jnp.ones_like(squared),))
@@ -117,7 +117,7 @@ class NormalEquations(NamedTuple):
     def of(
         cls, problem: Problem, at: Unknowns, args: Args
     ) -> tuple["NormalEquations", tuple[Residuals, Residuals]]:
-        """Linearize a problem; returns its values, too."""
+        """Linearize a problem; also return its values."""
         (views, v), (blocks, b), (uncertain, data) = at.view.shape, at.block.shape, args
         size = views * v
 
@@ -167,7 +167,7 @@ class NormalEquations(NamedTuple):
         return equations, (out, aux)
 
     def damped(self, damping: Float[Array, ""] | float) -> "NormalEquations":
-        """Increase the diagonals relatively; parameters that no residual contains stay in place."""
+        """Scale up the diagonals; parameters that no residual contains stay in place."""
 
         def raised(diagonal: Array) -> Array:
             return jnp.where(diagonal == 0, 1, damping * diagonal)
@@ -201,7 +201,7 @@ class NormalEquations(NamedTuple):
         return common, (solved[:, -1] - jnp.einsum("bcp,c->bp", solved[:, :free], common)).T
 
     def covariance(self, uncertain: Float[Array, "q q"]) -> Float[Array, "c c"]:
-        """Covariance of the common parameters at a solution.
+        """Compute the covariance of the common parameters at a solution.
 
         Args:
             uncertain: (q, q) covariance of the fixed but uncertain parameters, whose effect on the
@@ -251,9 +251,9 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     Attributes:
         rtol: relative decrease of the cost at which the iteration ends.
         atol: absolute decrease at which it ends.
-        damping: of the first step.
+        damping: damping of the first step.
         fall: factor by which accepted steps lower it.
-        most_steps: maximum number of steps; other values do not lead to compilation.
+        most_steps: maximum number of steps; changing it causes no recompilation.
         norm: unused; part of the interface.
 
     Source:
@@ -268,7 +268,7 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     norm: Callable[[PyTree], Array] = optx.max_norm
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
-        """Propose the start, on which no other unknowns improve yet."""
+        """Propose the start itself."""
         dtype, (views, v), (blocks, b) = y.view.dtype, y.view.shape, y.block.shape
         c = views * v + len(args[0])
         shapes = (c, c), (b, c, blocks), (b, b, blocks), (c,), (b, 1, blocks)
@@ -308,7 +308,7 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 def minimize(
     problem: Problem, start: Unknowns, args: Args, solver: SchurLevenbergMarquardt
 ) -> optx.Solution:
-    """Solve a problem, or take as many steps as the solver may."""
+    """Solve a problem, or take the solver's maximum number of steps."""
     return optx.least_squares(
         problem, solver, start, args, has_aux=True, max_steps=None, throw=False
     )

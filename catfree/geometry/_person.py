@@ -1,8 +1,8 @@
 """A standing person, a vertical segment (x, y, height) on the ground z = 0, and its box.
 
-Everything that predicts a box or measures a person by one uses these functions. Those of a pinhole
-are unbatched JAX functions for `vmap` and `jacfwd`; they also broadcast over leading axes, and take
-NumPy arrays where few boxes are needed at a time.
+Everything that predicts a box, or measures a person from one, uses these functions. The pinhole
+functions are unbatched JAX functions for `vmap` and `jacfwd`; they also broadcast over leading
+axes, and take NumPy arrays where few boxes are needed at a time.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from catfree.geometry.camera import pixels_of_points, rays_of_pixels
 from catfree.types import Detections, Localization, Rig, Scene
 from catfree.types._annotations import HostOrDevice
 
-NEAREST_DEPTH = 0.1  # of the third homogeneous coordinate: points nearer are projected from there
+NEAREST_DEPTH = 0.1  # of the third homogeneous coordinate: nearer points are projected from there
 ASPECT = 0.4  # width of the box of a standing person, in box heights
 BLOCK = 1024  # people measured together
 
@@ -32,7 +32,7 @@ def visible_foot(
     station: Float[HostOrDevice, "*#n 2"],
     foot_offset: Any,
 ) -> tuple[Any, Any]:
-    """Ground point (x, y) of the visible foot of a person at a position; see `box_edges`.
+    """Find the ground point (x, y) of a person's visible foot; see `box_edges`.
 
     With a negative offset, this is the position of the person whose visible foot is at a point.
     """
@@ -94,7 +94,7 @@ def box_edges(
 
 
 def edges_of(head: Float[HostOrDevice, "*n 2"], foot: Float[HostOrDevice, "*n 2"]) -> Any:
-    """Center column, head row and foot row (3,) of a box with this head (2,) and foot (2,)."""
+    """Return center column, head row and foot row (3,) of a box, from head (2,) and foot (2,)."""
     xp = head.__array_namespace__()
     return xp.stack([(head[..., 0] + foot[..., 0]) / 2, head[..., 1], foot[..., 1]], -1)
 
@@ -105,7 +105,7 @@ def edges_and_slopes(
     station: Float[Array, "2"],
     foot_offset: float,
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """`box_edges`, and its Jacobian (3, 3) with respect to the person."""
+    """Compute `box_edges` and its Jacobian (3, 3) with respect to the person."""
 
     def edges(person: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
         shown = box_edges(matrix, person, station, foot_offset)
@@ -127,7 +127,7 @@ def people_in_rig(
         rig: the cameras, in a world whose ground is z = 0, with z up.
         camera: (n,) the camera of each person, or one for all.
         person: (n, 3) positions on the ground and heights.
-        foot_offset: distance by which the foot is nearer to the camera, of each person or of all.
+        foot_offset: distance by which the foot is nearer to the camera, per person or for all.
 
     Returns:
         head: (n, 2) in original image pixels, possibly outside the image.
@@ -145,12 +145,12 @@ def people_in_rig(
 def edge_deviation(
     size: Float[HostOrDevice, "*#n"], share: Float[HostOrDevice, "*#n"] | float, floor: Any
 ) -> Any:
-    """Standard deviation in pixels of an edge of a box.
+    """Compute the standard deviation in pixels of an edge of a box.
 
     Args:
         size: () height of the box in pixels.
-        share: () the part of the deviation that grows with the box, in box heights.
-        floor: () the part that does not, in pixels.
+        share: () part of the deviation that grows with the box, in box heights.
+        floor: () constant part, in pixels.
     """
     return ((share * size) ** 2 + floor**2) ** 0.5
 
@@ -174,7 +174,7 @@ def cut_by_border(
 def drop_to_height(
     inverse: Float[HostOrDevice, "*#n 3 3"], pixel: Float[HostOrDevice, "*#n 2"]
 ) -> Any:
-    """Position of a person whose foot, or point at another height, is at a pixel.
+    """Find the position of a person whose foot, or point at another height, is at a pixel.
 
     Args:
         inverse: (3, 3) map from pixels to homogeneous positions on the plane of that height.
@@ -195,7 +195,7 @@ def height_at(
     position: Float[HostOrDevice, "*#n 2"],
     row: Float[HostOrDevice, "*#n"],
 ) -> Any:
-    """Height at which a person at a position reaches an image row.
+    """Find the height at which a person at a position reaches an image row.
 
     Args:
         matrix: (3, 4) projection, as in `box_edges`.
@@ -219,13 +219,13 @@ def implied_height(
     normal: Num[HostOrDevice, "3"],
     offset: Num[HostOrDevice, ""],
 ) -> Float[Array, ""]:
-    """Height of a person at a position, taking the top of the box as the top of the head.
+    """Find the height of a person at a position, taking the box's top as the top of the head.
 
     This is the height above the ground at which the vertical through the position and the ray
     through the middle of the upper box edge come closest.
 
     Args:
-        center: (3,) of the camera in scene units.
+        center: (3,) camera center in scene units.
         ray: (3,) unit vector from the camera through the middle of the upper box edge.
         position: (3,) in scene units.
         normal: (3,) unit ground normal, towards the cameras.
@@ -256,12 +256,12 @@ def implied_height(
 def heights_by_boxes(
     detections: Detections, localization: Localization, scene: Scene
 ) -> tuple[Int[np.ndarray, " b"], Int[np.ndarray, " b"], Float[np.ndarray, " b"]]:
-    """`implied_height` of the tracked people by each of their boxes.
+    """Compute `implied_height` of the tracked people from each of their boxes.
 
     Args:
         detections: person boxes of the sequence.
         localization: the result of `cf.localize` for them.
-        scene: the scene that it was made with.
+        scene: the scene used for it.
 
     Returns:
         position: (b,) row of the tracks.

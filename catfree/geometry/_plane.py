@@ -1,4 +1,4 @@
-"""Planes: distances, rays cut with them, coordinates on the ground, and the plane of points."""
+"""Planes: distances, intersections with rays, coordinates on the ground, and fits to points."""
 
 import functools
 
@@ -66,7 +66,7 @@ def intersect_ray(
         valid: () whether the ray meets the plane, ahead of its origin.
 
     Raises:
-        InvalidInputError: if plane is not a `Plane`, or origin or direction not one vector.
+        InvalidInputError: if plane is not a `Plane`, or origin or direction is not one vector.
 
     Source: Hartley and Zisserman, "Multiple View Geometry" (2004), Sec. 3.2.2, meet of a line and a
         plane.
@@ -90,12 +90,12 @@ def fit_plane(
     *,
     toward: Real[HostOrDevice, "3"] | None = None,
 ) -> Plane:
-    """The plane with the smallest weighted sum of squared distances to points.
+    """Fit the plane with the smallest weighted sum of squared distances to points.
 
     Args:
         points: (N, 3) in scene units.
         weights: (N,) weight of each point, 0 for an absent one; None for all equal.
-        toward: (3,) a point on what is to be the positive side, such as a camera center; None
+        toward: (3,) a point on the desired positive side, such as a camera center; None
             leaves the sign of the normal open.
 
     Returns:
@@ -163,7 +163,7 @@ def fit_plane_ransac(
     where: Bool[HostOrDevice, " n"] | None = None,
     toward: Real[HostOrDevice, "3"] | None = None,
 ) -> PlaneFit:
-    """The plane that most points support, and those points.
+    """Find the plane that most points support, and those points.
 
     Planes through random triples are scored by the truncated sum of squared distances; the best
     is fitted again to its inliers until they settle.
@@ -176,8 +176,8 @@ def fit_plane_ransac(
         iterations: number of random triples, 1 or more.
         where: (N,) bool, the points to use; None for all. Points that are not finite are never
             used.
-        toward: (3,) a point on what is to be the positive side, such as the mean camera center;
-            None for the mean of the points, which is above a ground that things stand on.
+        toward: (3,) a point on the desired positive side, such as the mean camera center;
+            None for the mean of the points, which is above a ground that objects stand on.
 
     Returns:
         PlaneFit. The same key and points moved by a similarity give the moved plane.
@@ -221,7 +221,7 @@ def _fit_plane_ransac(
     used: Array,
     toward: Array | None,
 ) -> PlaneFit:
-    """`fit_plane_ransac`, compiled: without, each single call would trace its loops anew."""
+    """Compiled `fit_plane_ransac`: uncompiled, every call would trace its loops again."""
     points = jnp.where(used[:, None], points, 0)
     count = jnp.sum(used)
     center = jnp.sum(points, axis=0) / jnp.maximum(count, 1).astype(points.dtype)
@@ -264,7 +264,7 @@ def _fit_plane_ransac(
 def _random_triples(
     key: PRNGKeyArray | UInt32[Array, "2"], used: Bool[Array, " n"], iterations: int
 ) -> Array:
-    """(iterations, 3) indices of three distinct used points each (fewer if fewer exist)."""
+    """Indices (iterations, 3) of triples of distinct used points (of fewer if fewer exist)."""
     count = jnp.sum(used)
     order = jnp.argsort(~used, stable=True)  # used points first, in their order
     size = (iterations,)
@@ -272,7 +272,7 @@ def _random_triples(
     first = jax.random.randint(keys[0], size, 0, jnp.maximum(count, 1))
     second = jax.random.randint(keys[1], size, 0, jnp.maximum(count - 1, 1))
     third = jax.random.randint(keys[2], size, 0, jnp.maximum(count - 2, 1))
-    # Drawn from what is left, then shifted past what was taken.
+    # Drawn from the remaining ones, then shifted past those taken.
     second = second + (second >= first).astype(second.dtype)
     low, high = jnp.minimum(first, second), jnp.maximum(first, second)
     third = third + (third >= low).astype(third.dtype)

@@ -1,4 +1,4 @@
-"""Foot rays: from a pixel into the world, how far they miss a point, how much they are trusted."""
+"""Foot rays: from a pixel into the world, their distance from a point, and their reliability."""
 
 import math
 
@@ -19,7 +19,7 @@ def pixel_to_ray(
     pixel: Real[HostOrDevice, "2"],
     distortion: Real[HostOrDevice, "5"] | Real[HostOrDevice, "8"] | None = None,
 ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    """The half-line of world points that a camera sees at one pixel.
+    """Find the half-line of world points that a camera sees at one pixel.
 
     Args:
         K: (3, 3) intrinsics in pixels.
@@ -55,7 +55,7 @@ def angular_residual(
     origin: Real[HostOrDevice, "3"],
     direction: Real[HostOrDevice, "3"],
 ) -> Float[Array, ""]:
-    """The angle at a camera center between a ray and the line of sight to a position.
+    """Compute the angle at a camera center between a ray and the line of sight to a position.
 
     Written with the arctangent: the arccosine of the paper loses all digits of an angle below
     3e-4 rad in float32 and has no derivative at 0 and pi.
@@ -66,8 +66,8 @@ def angular_residual(
         direction: (3,) unit vector in the world frame.
 
     Returns:
-        () radians in [0, pi]; pi / 2 with gradient 0 for a position at the camera center, which
-        lies in no direction.
+        () radians in [0, pi]; pi / 2 with gradient 0 for a position at the camera center, where the
+        angle is undefined.
 
     Raises:
         InvalidInputError: if position, origin or direction is not one vector.
@@ -89,7 +89,7 @@ def angular_residual(
 
 
 def height_weight(height: Scalar, median_height: Scalar) -> Float[Array, ""]:
-    """Trust in a box by its height: distant people are short and their foot point is blunt.
+    """Weight a box by its height: distant people are short, and their foot point is imprecise.
 
     Args:
         height: () box height in pixels.
@@ -107,7 +107,7 @@ def height_weight(height: Scalar, median_height: Scalar) -> Float[Array, ""]:
 
 
 def pose_ratio(median_residual_pose: Scalar, median_residual_other: Scalar) -> Float[Array, ""]:
-    """Trust in a ray without confirmed ankles, relative to one with them.
+    """Weight a ray without confirmed ankles, relative to one with them.
 
     Args:
         median_residual_pose: () median angular residual of rays with confirmed ankles, radians.
@@ -115,7 +115,7 @@ def pose_ratio(median_residual_pose: Scalar, median_residual_other: Scalar) -> F
 
     Returns:
         () `min(1, (s_pose / s_other)²)`; 1 where either median does not exist (NaN) or where
-        `s_other` is 0, because then nothing says that those rays are worse.
+        `s_other` is 0, because then nothing indicates that those rays are worse.
 
     Source: paper, Eq. w_pose; the bound of 1 keeps w in (0, 1].
     """
@@ -134,13 +134,13 @@ def ray_weight(
     ratio: Scalar,
     minimum: Scalar = 1e-4,
 ) -> Float[Array, ""]:
-    """Reliability w of a foot ray from box height and ankle visibility.
+    """Compute the reliability w of a foot ray from box height and ankle visibility.
 
     Args:
         height: () box height in pixels.
         median_height: () median box height of the sequence in pixels.
         ankles_confirmed: () whether both ankle keypoints were seen.
-        ratio: () what `pose_ratio` gives, in [0, 1].
+        ratio: () the result of `pose_ratio`, in [0, 1].
         minimum: () floor of w: an existing ray never becomes an absent one (weight 0).
 
     Returns:

@@ -80,27 +80,27 @@ class Similarity(eqx.Module):
         )
 
     def inverse(self) -> "Similarity":
-        """The transform that undoes this one."""
+        """Return the inverse transform."""
         scale = 1 / self.scale
         return Similarity(scale, self.rotation.T, -scale * (self.rotation.T @ self.translation))
 
     def compose(self, first: "Similarity") -> "Similarity":
-        """The transform that applies `first`, then this one; also written `self @ first`.
+        """Return the transform that applies `first`, then this one; also written `self @ first`.
 
         Raises:
-            InvalidInputError: if it is not a similarity of as many dimensions.
+            InvalidInputError: if it is not a similarity of equal dimension.
         """
         require_instance(first, Similarity, "first")
         translation = self(first.translation)
         return Similarity(self.scale * first.scale, self.rotation @ first.rotation, translation)
 
     def __matmul__(self, first: "Similarity") -> "Similarity":
-        """`(a @ b)(x) == a(b(x))`."""
+        """Compose, so that `(a @ b)(x) == a(b(x))`."""
         return self.compose(first)
 
     @classmethod
     def identity(cls, dimension: int = 3) -> "Similarity":
-        """The identity transform."""
+        """Return the identity transform."""
         return cls(1.0, np.eye(dimension), np.zeros(dimension))
 
 
@@ -174,7 +174,7 @@ def _fit(
     target_offsets = target - target_mean[None, :]
     covariance = jnp.einsum("n,ni,nj->ij", shares, target_offsets, source_offsets)
     variance = jnp.sum(shares[:, None] * source_offsets * source_offsets)
-    # A smaller spread is the rounding of coinciding points.
+    # A smaller spread is due to rounding of coinciding points.
     resolution = 4 * epsilon(source.dtype) * jnp.max(jnp.abs(source))
     spread = variance > jnp.maximum(resolution * resolution, tiny(source.dtype))
     rotation = nearest_rotation(covariance)
@@ -203,7 +203,7 @@ def _require_determined(covariance: np.ndarray, spread: bool, count: int) -> Non
 
 
 def nearest_rotation(matrix: Real[HostOrDevice, "dim dim"]) -> Float[Array, "dim dim"]:
-    """The proper rotation R with the largest `tr(Rᵀ matrix)`.
+    """Find the proper rotation R with the largest `tr(Rᵀ matrix)`.
 
     Args:
         matrix: (D, D).
@@ -250,7 +250,7 @@ def transform_rig(similarity: Similarity, rig: Rig) -> Rig:
         rig: any rig; unregistered cameras keep their NaN.
 
     Returns:
-        Rig of NumPy arrays if the given one is (and nothing is traced), else of JAX arrays.
+        Rig of NumPy arrays if the given one has them (and nothing is traced), else of JAX arrays.
 
     Raises:
         InvalidInputError: if the similarity is not one of three dimensions, or the rig is not a
@@ -292,8 +292,8 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
         metric: whether the new units are meters; None keeps the scene's flag.
 
     Returns:
-        Scene of NumPy or JAX arrays, as in `transform_rig`, on the same place of the Earth; a
-        traced transform takes it off the Earth.
+        Scene of NumPy or JAX arrays, as in `transform_rig`, with its georeference moved along; a
+        traced transform drops it.
 
     Raises:
         InvalidInputError: if the similarity is not one of three dimensions, or the scene is not a
@@ -332,7 +332,7 @@ def _moved_georeference(similarity: Similarity, scene: Scene, ground: Plane) -> 
 
 
 def _parts(similarity: Similarity, like: Any) -> tuple[Any, Any, Any, Any]:
-    """Scale, rotation and translation as arrays of the kind and dtype of `like`, and its module.
+    """Scale, rotation and translation as arrays with kind and dtype of `like`, and their module.
 
     Raises:
         InvalidInputError: if it is not a similarity of three dimensions.

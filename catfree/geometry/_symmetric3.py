@@ -18,7 +18,7 @@ Triangle = tuple[Array, Array, Array, Array, Array, Array]
 
 
 def lower_triangle(matrix: Float[Array, "3 3"]) -> Triangle:
-    """The six entries on and below the diagonal of one matrix."""
+    """Return the six entries on and below the diagonal of one matrix."""
     m = matrix
     return m[0, 0], m[1, 0], m[1, 1], m[2, 0], m[2, 1], m[2, 2]
 
@@ -68,7 +68,7 @@ def solve_triangle(matrix: Triangle, vector: Vector) -> Vector:
 
 
 def inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """Inverse of a symmetric positive definite matrix.
+    """Invert a symmetric positive definite matrix.
 
     Args:
         matrix: (3, 3) symmetric positive semi-definite; only the lower triangle is read.
@@ -89,7 +89,7 @@ def inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
 def reciprocal_condition(
     matrix: Float[Array, "3 3"], inverted: Float[Array, "3 3"]
 ) -> Float[Array, ""]:
-    """`1 / (tr(A) tr(A⁻¹))`: the inverse of the condition number, or down to a ninth of it.
+    """Compute `1 / (tr(A) tr(A⁻¹))`: the inverse condition number, or down to a ninth of it.
 
     Args:
         matrix: (3, 3) symmetric positive semi-definite A.

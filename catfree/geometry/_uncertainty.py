@@ -29,7 +29,7 @@ def information(
     weights: Real[HostOrDevice, " cam"],
     sigma_theta: Scalar,
 ) -> Float[Array, "3 3"]:
-    """Fisher information of a position seen along rays with angular noise.
+    """Compute the Fisher information of a position seen along rays with angular noise.
 
     Args:
         position: (3,) in scene units.
@@ -70,7 +70,7 @@ def information(
 
 
 def ground_covariance(information: Real[HostOrDevice, "3 3"], plane: Plane) -> Float[Array, "2 2"]:
-    """Covariance of a position along the ground, with its height unknown.
+    """Compute the covariance of a position along the ground, with its height unknown.
 
     Args:
         information: (3, 3) Lambda in 1 / scene units².
@@ -92,7 +92,7 @@ def ground_covariance(information: Real[HostOrDevice, "3 3"], plane: Plane) -> F
 
 
 def ground_sigma(information: Real[HostOrDevice, "3 3"], plane: Plane) -> Float[Array, ""]:
-    """Standard deviation of a position along the ground, averaged over its directions.
+    """Compute the standard deviation of a position along the ground, averaged over directions.
 
     Args:
         information: (3, 3) Lambda in 1 / scene units².

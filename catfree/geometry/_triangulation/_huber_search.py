@@ -22,12 +22,12 @@ from catfree.geometry._triangulation._ray_distances import (
 )
 
 # Bounds the work: over half a million random problems of 2 to 7 rays with up to 30 % wrong ones,
-# the mean was at most 9 steps and the largest number 31.
+# the mean was at most 9 steps and the maximum 31.
 MAXIMUM_STEPS = 60
 # After this many steps a predicted gain below the rounding of the loss counts as noise (float32
 # pairs whose loss is almost flat).
 PATIENT_STEPS = 20
-# Most problems that step together: more would not fit in a core's cache.
+# Maximum number of problems that step together: more would not fit in a core's cache.
 BLOCK = 16384
 # Factor by which the damping falls after a step that gained as predicted. Any value between 3 and
 # 30 performs about the same.
@@ -36,7 +36,7 @@ FALL = 10
 # continues in a smaller array, repeatedly, down to this many problems, where a step costs little
 # more than its function calls.
 FEW = 64
-# XLA sums over rays one problem after the other, unless there are so many: fewer take longer.
+# With fewer problems, XLA sums over rays one problem after the other, which takes longer.
 WIDE = 1024
 
 
@@ -83,7 +83,7 @@ def search_minimizer(
 def _search_block(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
 ) -> tuple[Array, Roles]:
-    """`search_minimizer` for one block of problems that step together."""
+    """Do `search_minimizer` for one block of problems that step together."""
     rays, _ = present_rays(origins, directions, weights)
     present = rays.weights > 0
 
@@ -126,11 +126,11 @@ class _State(NamedTuple):
     Attributes:
         position: the best so far.
         loss: twice Huber's loss, infinite before the first step.
-        length: of the last step; 0 if it was the first, which treats every ray as near, or did not
-            lower the loss.
-        damping: between Newton's method (0) and reweighted least squares (1).
+        length: length of the last step; 0 if it was the first, which treats every ray as near, or
+            did not lower the loss.
+        damping: from 0 (Newton's method) to 1 (reweighted least squares).
         converged: whether the search ended.
-        steps: taken by all problems.
+        steps: number of steps, common to all problems.
     """
 
     position: Vector

@@ -32,7 +32,7 @@ def present_rays(
     directions: Float[Array, "cam 3 *batch"],
     weights: Float[Array, "cam *batch"],
 ) -> tuple[CenteredRays, Float[Array, "3 *batch"]]:
-    """Move present rays to the weighted mean of their origins; return that mean, too."""
+    """Center present rays on the weighted mean of their origins; also return that mean."""
     present = weights > 0  # false for NaN too
     weights = jnp.where(present, weights, 0)
 
@@ -69,24 +69,24 @@ def batch_last(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def dot(a: Vector, b: Vector) -> Array:
-    """Inner products."""
+    """Compute inner products."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def norm(vector: Vector) -> Array:
-    """Length, with gradient 0 (not NaN) at the zero vector."""
+    """Compute lengths, with gradient 0 (not NaN) at the zero vector."""
     squared = dot(vector, vector)
     positive = squared > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1)), 0)
 
 
 def entries(vector: Array) -> Vector:
-    """The three coordinates along the first axis of an array."""
+    """Return the three coordinates along the first axis of an array."""
     return vector[0], vector[1], vector[2]
 
 
 def residuals_of(rays: CenteredRays, position: Vector) -> Vector:
-    """Perpendicular vectors from each line to the position, (C, ...) per coordinate.
+    """Compute perpendicular vectors from each line to the position, (C, ...) per coordinate.
 
     Projects twice: the first projection leaves rounding errors along the ray of about the viewing
     distance times epsilon, which would dominate the depth information of nearly parallel rays.
@@ -100,19 +100,19 @@ def residuals_of(rays: CenteredRays, position: Vector) -> Vector:
 
 
 def huber_weights(distances: Array, delta: Array) -> Array:
-    """`min(1, delta / distance)`: the weights that turn Huber's loss into least squares."""
+    """Compute `min(1, delta / distance)`, which turns Huber's loss into least squares."""
     far = distances > delta
     return jnp.where(far, delta / jnp.where(far, distances, 1), 1)
 
 
 def gradient_of(weights: Array, residuals: Vector) -> Vector:
-    """Half the gradient of the weighted sum of squared distances, summed over cameras."""
+    """Compute half the gradient of the weighted sum of squared distances over cameras."""
     x, y, z = residuals
     return jnp.sum(weights * x, 0), jnp.sum(weights * y, 0), jnp.sum(weights * z, 0)
 
 
 def hessian_of(rays: CenteredRays, weights: Array, bend: Array, residuals: Vector) -> Triangle:
-    """Lower triangle of `sum_i weights_i (I - d_i d_iᵀ) - bend_i r_i r_iᵀ`."""
+    """Compute the lower triangle of `sum_i weights_i (I - d_i d_iᵀ) - bend_i r_i r_iᵀ`."""
     (u, v, w), (x, y, z) = rays.directions, residuals
     return (
         jnp.sum(weights * (1 - u * u) - bend * x * x, 0),
@@ -127,8 +127,8 @@ def hessian_of(rays: CenteredRays, weights: Array, bend: Array, residuals: Vecto
 def solve_regularized(matrix: Triangle, vector: Vector) -> Vector:
     """Solve with the matrix plus a few epsilons of its trace.
 
-    This bounds the solution where the rays are degenerate, and changes that of a well-posed
-    problem no more than rounding the matrix does.
+    This bounds the solution where the rays are degenerate, and changes it no more than rounding of
+    the matrix where the problem is well-posed.
     """
     a00, a10, a11, a20, a21, a22 = matrix
     scale = 4 * epsilon(a00.dtype) * (a00 + a11 + a22)

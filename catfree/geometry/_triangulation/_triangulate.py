@@ -106,8 +106,8 @@ def _triangulate(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
 ) -> Triangulation:
     """Compiled body of `triangulate`: uncompiled, every call would trace its loops again."""
-    # Lambdas, because optimistix takes only functions that enclose nothing, and jaxtyping's import
-    # hook wraps every named one.
+    # Lambdas, because optimistix takes only functions without closures, and jaxtyping's import hook
+    # wraps every named function.
     position, roles = ADJOINT.apply(
         lambda inputs: search_minimizer(*inputs[:-1]),
         lambda position, roles, inputs: _half_gradient(position, roles.used, *inputs[:4]),
@@ -123,7 +123,7 @@ def _triangulate(
 def _half_gradient(
     position: Array, used: Array, origins: Array, directions: Array, weights: Array, delta: Array
 ) -> Array:
-    """Half the gradient of Huber's loss of the rays in use: zero at its minimizer."""
+    """Compute half the gradient of the used rays' Huber loss: zero at its minimizer."""
     rays, _ = present_rays(origins, directions, weights)
     residuals = residuals_of(rays, entries(position))
     weights = jnp.where(used, rays.weights, 0) * huber_weights(norm(residuals), delta)
@@ -135,7 +135,7 @@ def triangulate_least_squares(
     directions: Real[HostOrDevice, "cam 3"],
     weights: Real[HostOrDevice, " cam"],
 ) -> Float[Array, "3"]:
-    """The point with the smallest weighted sum of squared distances to the rays' lines.
+    """Find the point with the smallest weighted sum of squared distances to the rays' lines.
 
     Args:
         origins: (C, 3) camera centers in scene units.
@@ -171,7 +171,7 @@ def _triangulate_least_squares(origins: Array, directions: Array, weights: Array
 def _solve_normal_equations(
     origins: Array, directions: Array, weights: Array
 ) -> tuple[Array, Array]:
-    """Weighted least squares and the rays present.
+    """Solve weighted least squares; also return the present rays.
 
     Refined with residuals, which are more accurate than the matrix.
     """

@@ -12,7 +12,7 @@ from catfree.types._annotations import HostOrDevice
 def fisheye_ray(
     K: Real[HostOrDevice, "3 3"], pixel: Real[HostOrDevice, "2"], k: Real[HostOrDevice, "4"]
 ) -> Float[Array, "3"]:
-    """Direction in which a fisheye camera sees at a pixel.
+    """Find the direction in which a fisheye camera sees at a pixel.
 
     Args:
         K: (3, 3) intrinsics in pixels.
@@ -41,7 +41,7 @@ def fisheye_ray(
 def fisheye_pixel(
     K: Real[HostOrDevice, "3 3"], point: Real[HostOrDevice, "3"], k: Real[HostOrDevice, "4"]
 ) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
-    """Pixel at which a fisheye camera sees a point.
+    """Find the pixel at which a fisheye camera sees a point.
 
     Args:
         K: (3, 3) intrinsics in pixels.

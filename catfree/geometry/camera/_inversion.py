@@ -1,4 +1,4 @@
-"""Inversion of a lens's map of the plane, and the region in which it is invertible."""
+"""Inversion of a lens's map of the plane, and its invertible region."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ from catfree.geometry._arrays import safe_norm
 STEPS = 10
 # Longest Newton step in units of 1 + radius: keeps points outside the invertible disc finite.
 TRUST = 0.3
-# Beyond the fold of the lens the determinant is not positive: the step is along the error.
+# Beyond the fold of the lens the determinant is not positive: there the step is along the error.
 REGULAR = 1e-3
 
 PlaneMap = Callable[[Float[Array, "2"]], Float[Array, "2"]]

@@ -91,7 +91,7 @@ def _undistort(bent: Float[Array, "2"], lens: Lens) -> Float[Array, "2"]:
 def pinhole_ray(
     K: Real[HostOrDevice, "3 3"], pixel: Real[HostOrDevice, "2"], distortion: Lens | None = None
 ) -> Float[Array, "3"]:
-    """Direction in which a pinhole camera sees at a pixel.
+    """Find the direction in which a pinhole camera sees at a pixel.
 
     Args:
         K: (3, 3) intrinsics in pixels.
@@ -112,7 +112,7 @@ def pinhole_ray(
 def pinhole_pixel(
     K: Real[HostOrDevice, "3 3"], point: Real[HostOrDevice, "3"], distortion: Lens | None = None
 ) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
-    """Pixel at which a pinhole camera sees a point.
+    """Find the pixel at which a pinhole camera sees a point.
 
     Args:
         K: (3, 3) intrinsics in pixels.
@@ -182,7 +182,7 @@ def back_project(
     pixel: Real[HostOrDevice, "2"],
     distortion: Lens | None = None,
 ) -> Float[Array, "2"]:
-    """Ideal normalized coordinates of a pixel: the inverse of intrinsics and distortion.
+    """Convert a pixel to ideal normalized coordinates: invert intrinsics and distortion.
 
     Args:
         K: (3, 3) intrinsics `[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]` in pixels.
@@ -215,7 +215,7 @@ def from_pixel(K: Float[Array, "3 3"], pixel: Float[Array, "2"]) -> Float[Array,
 
 
 def _normalize(point: Float[Array, "3"]) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
-    """(2,) x/z, y/z of a point, and whether it is in front of the camera."""
+    """Compute (2,) x/z, y/z of a point, and whether it is in front of the camera."""
     depth, distance = point[2], safe_norm(point)
     in_front = depth > FRONT_SHARE * distance
     # Elsewhere divide by the distance: finite, though meaningless.

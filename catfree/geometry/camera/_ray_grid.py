@@ -1,4 +1,4 @@
-"""A camera as a coarse grid of rays over its image: holds any lens whose rays are smooth."""
+"""A camera as a coarse grid of rays over its image, for any lens with smooth rays."""
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Real
 from catfree.geometry._arrays import epsilon, float_arrays, require_vectors, safe_norm
 from catfree.types._annotations import HostOrDevice
 
-STEPS = 12  # Newton steps of the inverse; quadratic from a node nearby
+STEPS = 12  # Newton steps of the inverse; convergence is quadratic from a nearby node
 STARTS = 32  # about as many rows and columns of nodes are tried as its start
 FOUND = 1e-4  # radians; largest angle between a point and the ray of its pixel
 TOLERANCE = 0.1  # of the inverse in cells, in roots of the machine epsilon; a last step follows
@@ -20,10 +20,11 @@ def grid_ray(
     image_size: Real[HostOrDevice, "2"],
     pixel: Real[HostOrDevice, "2"],
 ) -> Float[Array, "3"]:
-    """Direction in which a camera sees at a pixel, interpolated between the nodes of a grid.
+    """Find the direction in which a camera sees at a pixel, interpolated on a grid of rays.
 
-    The nodes are evenly spaced from the outer edge of the first row and column (-0.5) to that of
-    the last ones (height - 0.5, width - 0.5). Up to one cell outside, rays are extrapolated.
+    The nodes are evenly spaced from the outer edge of the first row and column (-0.5) to the outer
+    edge of the last ones (height - 0.5, width - 0.5). Up to one cell outside, rays are
+    extrapolated.
 
     Args:
         grid: (rows, columns, 3) unit vectors in camera axes, at least three rows and columns.
@@ -48,7 +49,7 @@ def grid_pixel(
     image_size: Real[HostOrDevice, "2"],
     point: Real[HostOrDevice, "3"],
 ) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
-    """Pixel at which a camera sees a point: the inverse of `grid_ray` by root finding.
+    """Find the pixel at which a camera sees a point: invert `grid_ray` by root finding.
 
     Args:
         grid: (rows, columns, 3) unit vectors in camera axes, as in `grid_ray`.
@@ -57,8 +58,8 @@ def grid_pixel(
 
     Returns:
         pixel: (2,) in original image pixels, at most one cell outside the image; always finite.
-        imaged: () whether the ray of the pixel meets the point. Not so for points that no pixel
-            of the image sees, nor where many pixels share one ray.
+        imaged: () whether the ray of the pixel meets the point. False for points that no pixel of
+            the image sees, and where many pixels share one ray.
 
     Where a point has two pixels, as at the seam of a panorama, one of them is returned.
 

@@ -20,7 +20,7 @@ BLOCK = 1024  # pixels or points computed together
 def rays_of_pixels(
     rig: Rig, camera: int | np.integer | Int[np.ndarray, " n"], pixels: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Directions in which the cameras of a rig see at pixels.
+    """Find the directions in which the cameras of a rig see at pixels.
 
     Args:
         rig: the cameras.
@@ -42,7 +42,7 @@ def rays_of_pixels(
 def pixels_of_points(
     rig: Rig, camera: int | np.integer | Int[np.ndarray, " n"], points: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Pixels at which the cameras of a rig see points.
+    """Find the pixels at which the cameras of a rig see points.
 
     Args:
         rig: the cameras.
@@ -68,7 +68,7 @@ def pixels_of_points(
 def _cameras(
     rig: Rig, camera: int | np.integer | Int[np.ndarray, " n"], count: int
 ) -> Int[np.ndarray, " n"]:
-    """The camera of each of so many rows."""
+    """Validate the camera of each row, given for each or for all."""
     given = as_integer(camera, "camera")
     if given.shape != ():
         require_shape(given, (count,), "camera")
@@ -83,11 +83,11 @@ def _by_lens(
     functions: dict[Lens, Callable[..., Any]],
     empty: tuple[np.ndarray, ...],
 ) -> tuple[np.ndarray, ...]:
-    """Apply to each row the function of its camera's lens, in float64."""
+    """Apply the function of each row's lens, in float64."""
     results = tuple(np.zeros((len(rows), *one.shape[1:]), one.dtype) for one in empty)
     for lens in Lens:
         mine = np.flatnonzero(rig.lenses[camera] == lens)
-        # A grid is large: each camera's is passed once, not with each of its rows.
+        # A grid is large: it is passed once per camera, not once per row.
         parts = [mine]
         if lens == Lens.RAYS:
             parts = [mine[camera[mine] == one] for one in np.unique(camera[mine])]

@@ -1,4 +1,4 @@
-"""Cameras of any lens from a function that gives the rays of their pixels."""
+"""Cameras with any lens, from a function that gives the rays of their pixels."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +13,7 @@ from catfree.types import Lens, Rig
 from catfree.types._validation import as_count, as_float, as_integer, require_shape
 
 FEWEST_NODES = 9  # along the shorter side
-LARGEST_ERROR = 2e-3  # radians of a ray between the nodes; a foot at 20 m moves by 4 cm
+LARGEST_ERROR = 2e-3  # radians of a ray between the nodes: moves a foot at 20 m by 4 cm
 SMALLEST_TURN = 1e-12  # steradians of a pixel, whose rays differ by a microradian
 USUAL = 0.95  # share of the rays that must be as good: a panorama's poles are not
 
@@ -26,7 +26,7 @@ def rig_from_rays(
     *,
     nodes: int = 65,
 ) -> Rig:
-    """Sample the rays of cameras of any lens into a rig.
+    """Sample the rays of cameras with any lens into a rig.
 
     Args:
         source: a `catfree.adapters.RaySource`: `source(camera, pixels)` gives the (n, 3) unit rays
@@ -38,13 +38,13 @@ def rig_from_rays(
         nodes: number of rays along the longer side of each image.
 
     Returns:
-        A rig whose cameras are grids of rays (`Lens.RAYS`). Their `K` has the focal length of the
-        middle of the image, which only says how large things appear.
+        A rig whose cameras are grids of rays (`Lens.RAYS`). Their `K` has the focal length at the
+        middle of the image, which only tells how large things appear.
 
     Raises:
-        InvalidInputError: if an argument is something else; or naming the camera, if its rays have
-            a wrong shape, are not unit vectors, are the same at all pixels, or differ so much
-            between the nodes that the grid does not hold them.
+        InvalidInputError: if an argument is invalid; or naming the camera, if its rays have
+            a wrong shape, are not unit vectors, are the same at all pixels, or differ too much
+            between the nodes to be a grid.
     """
     if not callable(source):
         raise InvalidInputError(
