@@ -14,7 +14,7 @@ LOOK_AHEAD = 1.5  # meters from an obstacle at which walkers begin to pass it
 def avoidance(
     position: Float[np.ndarray, "p 2"], group: Int[np.ndarray, " p"]
 ) -> Float[np.ndarray, "p 2"]:
-    """Velocity (P, 2) in m/s away from others, stronger for nearer ones."""
+    """Compute the velocity (P, 2) in m/s away from others, stronger for nearer ones."""
     offset = position[:, None] - position[None]
     distance = np.sqrt(np.einsum("pqi,pqi->pq", offset, offset) + 1e-9)
     strength = YIELD_SPEED * np.exp((PERSONAL_SPACE - distance) / FALL_OFF)
@@ -30,7 +30,7 @@ def around_obstacles(
     velocity: Float[np.ndarray, "p 2"],
     obstacles: Float[np.ndarray, "k 3"],
 ) -> Float[np.ndarray, "p 2"]:
-    """Sideways velocity (P, 2) in m/s of people whose path meets an obstacle (x, y, radius)."""
+    """Compute sideways velocities (P, 2) in m/s past obstacles (x, y, radius) in the path."""
     if not len(obstacles) or not len(points):
         return np.zeros_like(points)
     ahead = unit(velocity)

@@ -31,10 +31,10 @@ BYSTANDER_CLEARANCE = 0.3  # meters that bystanders keep from the area
 class Crowd:
     """State of P people in G groups during the integration, in meters and seconds.
 
-    Of each group: `side` of the area where bystanders stay, `speed`, place and velocity of the
+    Per group: `side` of the area where bystanders stay, `speed`, position and velocity of the
     `anchor` that its members follow, direction `ahead`, `target` and `stand_until`, and whether it
-    is `leaving` or `gone`. Of each person: `slot` beside the anchor, `position`, `velocity`,
-    `heading` and `stride`.
+    is `leaving` or `gone`. Per person: `slot` beside the anchor, `position`, `velocity`, `heading`
+    and `stride`.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Disturbance of a true scene into a recovered one: errors of given size, an arbitrary gauge."""
+"""Conversion of a true scene into a recovered one: errors of given size, an arbitrary gauge."""
 
 from dataclasses import dataclass, replace
 

@@ -77,7 +77,7 @@ def ring(
         The layout; the cameras stand 1 to 3 m outside the square's inscribed circle.
 
     Raises:
-        InvalidInputError: if a count, a length or a size is something else.
+        InvalidInputError: if a count, a length or a size is invalid.
     """
     cameras = as_count(cameras, "cameras", least=1)
     side = as_positive(side, "side")
@@ -99,7 +99,7 @@ def ring(
 
 
 def wildtrack_like(seed: int = 0) -> Layout:
-    """Seven cameras, 12 x 36 m, 2 fps, uneven coverage: most look at one half of the area.
+    """Place seven cameras around 12 x 36 m, 2 fps; most look at one half of the area.
 
     Cameras stand 1 to 5 m outside the border at heights of 2.2 to 3.5 m; five look into the
     near half, two along the whole length.
@@ -131,7 +131,7 @@ def wildtrack_like(seed: int = 0) -> Layout:
 
 
 def multiviewx_like(seed: int = 0) -> Layout:
-    """Six cameras around 16 x 25 m, 2 fps, crowded, 2 to 3 m high, aimed at the middle.
+    """Place six cameras around 16 x 25 m, 2 to 3 m high, aimed at the middle; 2 fps, crowded.
 
     Args:
         seed: determines all random draws.
@@ -147,7 +147,7 @@ def multiviewx_like(seed: int = 0) -> Layout:
 
 
 def gmvd_like(seed: int = 0, *, cameras: int = 6) -> Layout:
-    """Six or eight cameras around a 20 x 24 m courtyard, 4 to 6 m high, 2 fps.
+    """Place six or eight cameras around a 20 x 24 m courtyard, 4 to 6 m high, 2 fps.
 
     Args:
         seed: determines all random draws.
@@ -165,7 +165,7 @@ def gmvd_like(seed: int = 0, *, cameras: int = 6) -> Layout:
 
 
 def shop(seed: int = 0, *, fisheye: bool = True) -> Layout:
-    """Four cameras in the ceiling corners of a shop of 12 x 9 m, 3 m high, 5 fps.
+    """Place four cameras in the ceiling corners of a shop of 12 x 9 m, 3 m high, 5 fps.
 
     Args:
         seed: determines all random draws.
@@ -247,7 +247,7 @@ def draw_focals(
 def look_at(
     center: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"], roll: float = 0.0
 ) -> Float[np.ndarray, "3 3"]:
-    """World-to-camera rotation of a camera at `center` looking at `target`, z up.
+    """Compute the world-to-camera rotation of a camera at `center` looking at `target`, z up.
 
     Args:
         center: (3,) camera center, meters.

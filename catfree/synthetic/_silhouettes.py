@@ -58,7 +58,7 @@ class Silhouettes:
 def swing_leg(
     stride: Float[np.ndarray, "*n"], amount: Float[np.ndarray, "*n"], side: int
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """The ankle of one leg in the walking cycle, in body heights.
+    """Compute the ankle of one leg in the walking cycle, in body heights.
 
     Args:
         stride: phase of the walking cycle in radians.
@@ -66,7 +66,8 @@ def swing_leg(
         side: -1 for the left leg, 1 for the right one.
 
     Returns:
-        How far the ankle is ahead of the body, by how much it is lifted, and its heel above that.
+        How far the ankle is ahead of the body, how much it is lifted, and how much the heel rises
+        above that.
     """
     ahead = side * STRIDE_SHARE * amount * np.sin(stride)
     lift = LIFT * amount * np.maximum(0, side * np.cos(stride))
@@ -79,13 +80,13 @@ def on_ground(
     heading: Float[np.ndarray, "*n"],
     height: Float[np.ndarray, "*#n"],
 ) -> Float[np.ndarray, "*n k 3"]:
-    """World points of people from points in body axes: across, ahead and up, in body heights.
+    """Place points in body axes (across, ahead and up, in body heights) in the world.
 
     Args:
         body: (..., K, 3) points of each person.
-        position: (..., 2) where the body axes meet the ground, in meters.
+        position: (..., 2) points where the body axes meet the ground, in meters.
         heading: (...,) directions that the bodies face, in radians from world x.
-        height: (...,) of the people in meters.
+        height: (...,) heights of the people in meters.
     """
     c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
     across, ahead, up = np.moveaxis(body * height[..., None, None], -1, 0)
@@ -97,7 +98,7 @@ def on_ground(
 def body_points(
     walkers: Walkers, frame: Int[np.ndarray, " n"], person: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n k 3"]:
-    """(N, K, 3) points on the outline of each body, in meters; the last 8 are heels and toes.
+    """Compute points (N, K, 3) on each body's outline in meters; the last 8 are heels and toes.
 
     The legs swing with the walking cycle, so the foot nearest to a camera, which sets the bottom
     of a box, is ahead of the body axis. Real boxes have the same bias.
@@ -129,7 +130,7 @@ def cast_silhouettes(
     Returns:
         Every body that is partly inside an image, even if hidden completely.
     """
-    # Of a long sequence, few people are present in a frame.
+    # In a long sequence, few of the people are present in a frame.
     frame, person = np.nonzero(walkers.present)
     points = body_points(walkers, frame, person)
     fixed = _column_points(as_rows([] if columns is None else columns, 4, "columns"))
@@ -142,9 +143,9 @@ def cast_silhouettes(
 
 
 def project_points(rig: Rig, camera: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (..., 2) of world points (..., 3), and their depths (...,).
+    """Project world points (..., 3) to pixels (..., 2), and return their depths (...,).
 
-    With other lenses than ideal pinholes, the depth is the distance, negative without an image.
+    For lenses other than ideal pinholes, the depth is the distance, negative without an image.
     """
     if not rig.is_ideal:
         flat = points.reshape(-1, 3)

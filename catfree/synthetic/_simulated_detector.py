@@ -16,7 +16,7 @@ from catfree.types._validation import require_instance
 
 FALSE_POSITIVE = -1  # identity of a detection that shows no person
 SMALLEST_BOX = 8.0  # pixels of height; detectors report nothing smaller
-STATIC_SHARE = 0.5  # of the false positives stay at one place (signs, bins, reflections)
+STATIC_SHARE = 0.5  # of the false positives stay in one place (signs, bins, reflections)
 STATIC_PLACES = 3  # such places per camera
 
 
@@ -233,7 +233,7 @@ def _embeddings(
 ) -> Float[np.ndarray, "n d"]:
     """Draw appearance, stable in time, weaker across views and mixed with the occluder's.
 
-    In single precision, as networks give it.
+    In single precision, as from networks.
     """
     size, cameras = model.embedding_size, rig.camera_count
 

@@ -33,7 +33,7 @@ LONGEST_STEP = 0.125  # seconds; longer frame intervals are integrated in severa
 
 
 def middle_and_half(area: Area) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """The middle (2,) of an area and half its extents (2,) along x and y."""
+    """Compute the middle (2,) of an area and half its extents (2,) along x and y."""
     x_min, x_max, y_min, y_max = area
     low, high = np.array([x_min, y_min]), np.array([x_max, y_max])
     return (low + high) / 2, (high - low) / 2
@@ -59,7 +59,7 @@ class Walkers:
         stride: (T, P) phase of the walking cycle in radians; advances 2 pi every two steps.
         present: (T, P) whether the person is in the world.
         height: (P,) body height.
-        background: (P,) bystanders, who never enter the evaluation area.
+        background: (P,) whether the person is a bystander, who never enters the evaluation area.
         group: (P,) people with equal numbers walk together.
         area: evaluation area (x_min, x_max, y_min, y_max).
         fps: frames per second.
@@ -84,7 +84,7 @@ class Walkers:
         return self.present & (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 
     def rows(self, inside_only: bool = True) -> Float[np.ndarray, "n 4"]:
-        """(N, 4) rows [frame, id, x, y] in meters, as `cf.evaluation` takes them."""
+        """Return (N, 4) rows [frame, id, x, y] in meters, as `cf.evaluation` takes them."""
         frame, person = np.nonzero(self.inside if inside_only else self.present)
         return np.column_stack([frame, person, self.position[frame, person]]).astype(np.float64)
 

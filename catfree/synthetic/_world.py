@@ -29,7 +29,7 @@ class World:
         scene: disturbed rig and ground in an arbitrary gauge, as from a reconstruction.
         ground_truth: (N, 4) rows [frame, id, x, y] in meters of people inside the area.
         true_rig: cameras in meters, z up, ground z = 0.
-        true_centres: (C, 3) their centers in meters.
+        true_centres: (C, 3) centers of these cameras in meters.
         area: evaluation area (x_min, x_max, y_min, y_max) in meters.
         identities: (len(detections),) person in each detection, -1 for no person.
         scene_from_world: similarity from meters to the gauge of `scene`; the disturbance is not
@@ -85,7 +85,7 @@ def make_world(
         layout: a name for `make_layout` or a layout.
         seed: determines all random draws.
         frames: number of frames.
-        people: usual number of people in or around the area; None: that of the layout.
+        people: usual number of people in or around the area; None: the layout's.
         background: number of bystanders outside the area; None: a third of `people`.
         columns: (K, 4) x, y, radius and height in meters of static occluders, which people walk
             around, or None.
@@ -100,7 +100,7 @@ def make_world(
 
     Raises:
         InvalidInputError: if there is no such layout, columns have another shape, the error or
-            detector is something else, or as `simulate_walkers`.
+            detector has another type, or as `simulate_walkers`.
     """
     layout = make_layout(layout, seed) if isinstance(layout, str) else layout
     require_instance(layout, Layout, "layout")
@@ -140,7 +140,7 @@ def make_world(
 
 
 def angular_residuals(world: World, rig: Rig | None = None) -> Float[np.ndarray, " n"]:
-    """Angles between foot rays and the true positions of their people, to measure sigma_theta.
+    """Compute angles between foot rays and their people's true positions, to get sigma_theta.
 
     Args:
         world: the world.

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from catfree.synthetic._silhouettes import FREE_SPEED, STRIDE_SHARE, swing_leg
 
 SIDES = 10  # sides of a tube's cross-section
-LEG_BONE = 0.234  # thigh and shank are of one length
+LEG_BONE = 0.234  # thigh and shank have the same length
 UPPER_ARM, FOREARM = 0.165, 0.145
 RIGHT, AHEAD, UP = np.eye(3)
 
@@ -54,7 +54,7 @@ FACES, PART, TUBE = _join_tubes()
 def body_vertices(
     stride: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n v 3"]:
-    """(N, V, 3) vertices of N bodies in body axes and shares of the body height.
+    """Compute vertices (N, V, 3) of N bodies in body axes and shares of the body height.
 
     Args:
         stride: (N,) phase of the walking cycle in radians.

@@ -28,7 +28,7 @@ class Canvas:
         self.sunlit = np.zeros((height, width), np.float32)
 
     def window(self, outline: np.ndarray) -> tuple[slice, slice] | None:
-        """Rows and columns of the rays that may hit a convex hull, or None."""
+        """Find rows and columns of the rays that may hit a convex hull, or None."""
         pixel, depth = project_points(self.rig, self.camera, outline)
         if depth.min() < 0.2:
             is_visible = depth.max() > 0.2 and not self._is_beside(outline)
@@ -43,11 +43,11 @@ class Canvas:
     def _is_beside(self, outline: np.ndarray) -> bool:
         """Return whether a convex hull is out of view beyond one edge of the picture.
 
-        It is then beyond the plane through the center and that edge.
+        It is then beyond the plane through the camera center and that edge.
         """
         rig, camera = self.rig, self.camera
         matrix = np.asarray(rig.K)[camera] @ np.asarray(rig.R)[camera]
-        # Not divided by the depth, so that points behind the camera count as they must.
+        # Not divided by the depth, so that points behind the camera count correctly.
         place = (outline - np.asarray(rig.centers)[camera]) @ matrix.T
         low, high = -2 * place[:, 2:], (rig.image_size[camera] + 1) * place[:, 2:]
         return bool((place[:, :2] < low).all(0).any() or (place[:, :2] > high).all(0).any())

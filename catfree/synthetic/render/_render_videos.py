@@ -30,8 +30,8 @@ from catfree.types._writing import make_folder, remove_abandoned, replacement
 
 STAGE_NAME = "render"
 REPORT_EVERY = 5  # frames between two progress reports
-# A person who stands through most of the footage cannot be distinguished from the scene. Forty
-# seconds of footage are short, so pauses are, too.
+# A person who stands through most of the footage cannot be distinguished from the scene. The
+# footage is only forty seconds long, so pauses are short.
 STANDING_TIME = 4.0  # seconds, mean
 
 
@@ -43,10 +43,10 @@ def make_demo_world(
     frames: int = 200,
     image_size: tuple[int, int] = (1280, 720),
 ) -> World:
-    """The world of the demo: a furnished 16 x 16 m square at 5 frames per second.
+    """Make the world of the demo: a furnished 16 x 16 m square at 5 frames per second.
 
     Args:
-        seed: determines everything random.
+        seed: determines all random draws.
         cameras: cameras around the square.
         people: people on the square at a time; a third as many stay around it.
         frames: number of frames.
@@ -71,12 +71,12 @@ def render_videos(
 ) -> list[Path]:
     """Render every camera of a world to an MP4 file.
 
-    More than one worker means spawned processes: call it from a module that can be imported, in
-    scripts under `if __name__ == "__main__":`.
+    More than one worker spawns processes: call it from an importable module, and in a script under
+    `if __name__ == "__main__":`.
 
     Args:
         world: the world, which sets image sizes and frame rate.
-        folder: where `camera_0.mp4`, `camera_1.mp4`, ... are written; made if it does not exist.
+        folder: where `camera_0.mp4`, `camera_1.mp4`, ... are written; created if it does not exist.
         progress: called with ("render", frames done, total frames).
         shadows: "hard" as on a clear day, "soft" as under thin clouds, None: chosen by the seed.
         workers: number of processes; None: one per processor, at most one per camera. 1 renders in
@@ -86,8 +86,8 @@ def render_videos(
         The files, one per camera, in the rig's order. A file appears when it is complete.
 
     Raises:
-        InvalidInputError: if a lens is not ideal, OpenCV cannot write such videos there, or workers
-            is below 1.
+        InvalidInputError: if a lens is not ideal, OpenCV cannot write such videos there, or
+            `workers` is below 1.
         CatFreeError: if the processes cannot be started.
         WriteError: if the folder cannot be made, or is not writable.
     """

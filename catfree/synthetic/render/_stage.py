@@ -85,7 +85,7 @@ class Stage:
     seed: int
 
     def light(self, normal: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
-        """Brightness (...,) of unshadowed surfaces with these unit normals (..., 3)."""
+        """Compute brightness (...,) of unshadowed surfaces with these unit normals (..., 3)."""
         sky = self.skylight * (0.75 + 0.25 * normal[..., 2])
         sun = np.maximum(normal @ self.sun.astype(normal.dtype), 0)
         return np.asarray(sky + self.sunlight * sun)

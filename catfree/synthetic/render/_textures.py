@@ -17,7 +17,7 @@ Picture = UInt8[np.ndarray, "row column 3"]
 def cloud(
     rng: np.random.Generator, shape: tuple[int, int], scale: float | int
 ) -> Float[np.ndarray, "row column"]:
-    """Smooth noise of unit standard deviation with features of about `scale` pixels."""
+    """Draw smooth noise of unit standard deviation with features of about `scale` pixels."""
     rows, columns = shape
     coarse = rng.standard_normal((int(rows / scale) + 4, int(columns / scale) + 4))
     smooth = cv2.resize(coarse.astype(np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC)
@@ -25,7 +25,7 @@ def cloud(
 
 
 def ground_picture(stage: Stage) -> tuple[Picture, UInt8[np.ndarray, "row column"]]:
-    """Texture of the ground seen from above, and a mask of the sunlit ground (255; shadow 0).
+    """Paint the ground seen from above, with a mask of the sunlit ground (255; shadow 0).
 
     Rows run along y and columns along x from the corner `middle - front`, `TEXEL` meters each.
     """
@@ -119,7 +119,7 @@ def _contact_shadows(stage: Stage, shape: tuple[int, int]) -> Float[np.ndarray, 
 
 
 def solid_outline(solid: Solid) -> Float[np.ndarray, "n 3"]:
-    """Points whose convex hull is the solid, in meters."""
+    """Return points whose convex hull is the solid, in meters."""
     angle = np.arange(16) * np.pi / 8
     circle = np.stack([np.cos(angle), np.sin(angle)], -1)
     if isinstance(solid, Sphere):
