@@ -39,7 +39,7 @@ def assemble(
     extension_appearance: float | None,
     detection_count: int,
 ) -> Localization:
-    """The result of a run in scene units, with the caller's frames and detection indices."""
+    """Assemble the result in scene units, with the caller's frames and detection indices."""
     frame, sigma_theta = CanonicalFrame.of(scene), settings.rays.sigma_theta
     candidates = collect_candidates(frame, observations, located, selection)
     tracks = collect_tracks(frame, scene, observations, rays, positions, sigma_theta=sigma_theta)
@@ -61,7 +61,7 @@ def collect_candidates(
     located: Located,
     selection: Selection,
 ) -> Candidates:
-    """Every hypothesis with its fate, in scene units and with the caller's detection indices."""
+    """Collect all hypotheses with their fates, in scene units and the caller's indices."""
     hypotheses, support = located.hypotheses, located.support
     member = support.member
     return Candidates(
@@ -85,14 +85,14 @@ def collect_tracks(
     *,
     sigma_theta: float,
 ) -> Tracks:
-    """The positions of all tracks on the ground, with what supports them and how sure they are."""
+    """Collect the positions of all tracks on the ground, with support and uncertainty."""
     points = np.pad(positions.ground_xy, ((0, 0), (0, 1)))
     support = measure_support(rays, positions.member, points, sigma_theta=sigma_theta)
     world = frame.to_world(points)
     xy = to_plan(scene, world)
     covariance = support.covariance.astype(np.float64) * frame.extent**2
     number = observations.frames[positions.frame_index]
-    # Positions may share a detection, but it shows one person: whom its ray passes closest.
+    # Positions may share a detection, but it shows one person: the one whom its ray passes closest.
     shown = exclusive_support(support)
     velocity, spread = difference_velocities(positions.track, number, xy, covariance)
     return Tracks(
@@ -113,13 +113,14 @@ def collect_tracks(
 def summarize(
     tracks: Tracks, candidates: Candidates, detection_count: int, radius: float
 ) -> Reliability:
-    """The label-free summary of a run.
+    """Summarize a run without labels.
 
     Args:
         tracks: the run's tracks.
         candidates: its candidates.
         detection_count: detections that took part.
-        radius: within which two positions are one, or a position is right, in scene units.
+        radius: distance in scene units within which two positions are the same, or a position is
+            correct.
     """
     accepted = (candidates.fate == Fate.ACCEPTED) | (candidates.fate == Fate.RECOVERED)
     used = np.unique(candidates.support[accepted])
@@ -137,7 +138,7 @@ def summarize(
 def empty_localization(
     camera_count: int, *, existence: bool = False, detection_count: int = 0
 ) -> Localization:
-    """The result of a sequence in which no detection takes part.
+    """Make the result of a sequence in which no detection takes part.
 
     Args:
         camera_count: C.

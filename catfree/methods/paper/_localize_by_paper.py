@@ -55,7 +55,7 @@ def localize_by_paper(
         detections: boxes of all cameras.
         scene: cameras and ground.
         keep: (N,) detections to use, at least one.
-        settings: of the run.
+        settings: settings of the run.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
@@ -89,7 +89,7 @@ def associate_detections(
 def locate_people(
     associated: Associated, scene: Scene, settings: Settings, progress: Progress | None = None
 ) -> Localization:
-    """Locate the groups, select positions, and link them to tracks; see `localize_by_paper`."""
+    """Locate the groups, select positions, and link them into tracks; see `localize_by_paper`."""
     report = as_progress(progress)
     observations, rays, groups, tracklet, pose_ratio, detection_count = associated
     rig = CanonicalFrame.of(scene).rig(scene.rig)

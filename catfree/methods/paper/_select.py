@@ -15,8 +15,8 @@ from catfree.settings import SelectionSettings
 from catfree.types import Fate
 
 SAMPLE_BLOCK = 16384  # samples of a sequence are padded to this times a power of four
-FRAME_BLOCK = 64  # most frames suppressed by one call
-PAIRS_BLOCK = 1 << 22  # most pairs of candidates in one call, if it holds more than one frame
+FRAME_BLOCK = 64  # maximum number of frames per call of the suppression
+PAIRS_BLOCK = 1 << 22  # maximum number of pairs of candidates in a call for several frames
 PLACES_BLOCK = 64  # candidates per frame are padded to this times a power of two
 
 
@@ -126,7 +126,7 @@ def _gate(
     fate: Int[np.ndarray, " h"],
     settings: SelectionSettings,
 ) -> tuple[Bool[np.ndarray, " h"], float | None, float | None]:
-    """Run the adaptive gates on the candidates, and write the fate of those they remove."""
+    """Run the adaptive gates on the candidates, and record the fate of those they remove."""
     count = len(candidate)
     padding = (0, padded_length(count, SAMPLE_BLOCK) - count)
     gates = _select(
@@ -180,7 +180,7 @@ def suppress_by_frame(
 def _has_neighbor(
     frame_index: Int[np.ndarray, " n"], ground_xy: Float[np.ndarray, "n 2"], radius: float
 ) -> Bool[np.ndarray, " n"]:
-    """Mark positions with another of their frame within the radius, and maybe a few more, (N,)."""
+    """Mark positions (N,) with a neighbor within the radius in their frame, and maybe some more."""
     has_neighbor = np.ones(len(ground_xy), bool)
     finite = np.flatnonzero(np.isfinite(ground_xy).all(1))
     if len(finite) == 0:

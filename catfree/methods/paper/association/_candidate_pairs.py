@@ -38,7 +38,7 @@ class CandidatePairs(NamedTuple):
 def pair_residual(
     origins: Float[Array, "2 3"], directions: Float[Array, "2 3"], weights: Float[Array, "2"]
 ) -> Float[Array, ""]:
-    """Larger angular residual of two rays at their weighted least-squares point, in radians.
+    """Compute the larger angular residual of two rays at their weighted least-squares point.
 
     The weighted least-squares point lies on the common perpendicular of the two lines and divides
     it in the inverse ratio of the weights, so no linear system is needed.
@@ -49,8 +49,8 @@ def pair_residual(
         weights: (2,) positive reliabilities.
 
     Returns:
-        Angle in [0, pi]; pi for parallel rays, pi/2 where they meet in a camera center, above pi/2
-        where the lines meet behind a camera.
+        Radians in [0, pi]; pi for parallel rays, pi/2 where they meet in a camera center, above
+        pi/2 where the lines meet behind a camera.
     """
     baseline = origins[1] - origins[0]
     normal = jnp.cross(directions[0], directions[1])
@@ -86,7 +86,7 @@ def _residuals(
 def pair_residuals(
     rays: Rays, first: Int[np.ndarray, " p"], second: Int[np.ndarray, " p"]
 ) -> Float[np.ndarray, " p"]:
-    """`pair_residual` of many pairs, in blocks of fixed size."""
+    """Compute `pair_residual` of many pairs, in blocks of fixed size."""
     of_rays = tuple(map(jnp.asarray, (rays.origin, rays.direction, rays.weight)))
     return in_blocks(lambda *pair: _residuals(*of_rays, *pair), (first, second), PAIR_BLOCK)
 
@@ -161,8 +161,8 @@ def _slices_of_work(work: Int[np.ndarray, " n"], most: int) -> list[slice]:
 class _Uniqueness:
     """The two smallest residuals of every detection with each other camera.
 
-    Two are enough: the best alternative of the best pair is the second best, and that of any other
-    pair is the best.
+    Two are enough: the best alternative is the second best for the best pair, and the best for any
+    other pair.
     """
 
     def __init__(self, camera: Int[np.ndarray, " n"], camera_count: int) -> None:

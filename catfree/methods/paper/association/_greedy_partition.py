@@ -21,7 +21,7 @@ from catfree.methods.paper.association._on_ground import least_squares_on_ground
 from catfree.types import Rays
 
 WINDOW = 8192  # pairs processed together; later pairs wait, which cannot change the result
-DECISIONS = 1024  # most merges tested in one round; the others wait for the next round
+DECISIONS = 1024  # maximum number of merges tested in one round; the others wait for the next round
 
 
 class _Groups(NamedTuple):

@@ -75,7 +75,7 @@ class Support(NamedTuple):
 def ray_table(
     observations: Observations, rays: Rays, centers: Float[np.ndarray, "cam 3"]
 ) -> RayTable:
-    """Arrange the rays so that a hypothesis finds those of its frame by indexing."""
+    """Arrange the rays by frame and camera, to be indexed by hypotheses."""
     frames, cameras = len(observations.frames), observations.camera_count
     starts = observations.cell_start[:-1]
     longest = int(np.diff(observations.cell_start).max(initial=0))

@@ -36,7 +36,7 @@ def hypothesis_scores(
         observations: detections in canonical order.
         rig: cameras in the canonical frame.
         position: (H, 3) canonical positions.
-        support: their support.
+        support: support of the positions.
         frame_index: (H,) frame of each position.
         tracklet: (H, C) tracklet of each detection of the group, or -1.
 

@@ -13,7 +13,7 @@ def match_edges(
     target: Int[np.ndarray, " e"],
     cost: Float[np.ndarray, " e"],
 ) -> Bool[np.ndarray, " e"]:
-    """Choose as many edges as possible, no source and no target twice, at the smallest total cost.
+    """Choose as many edges as possible at the least cost, each source and target at most once.
 
     SciPy's dense Hungarian solver runs once per problem (two consecutive frames of a camera).
     On 280 problems of 30 x 30 this is 16 times faster than one call of SciPy's sparse solver.
@@ -30,7 +30,7 @@ def match_edges(
     chosen = np.zeros(len(source), bool)
     if len(source) == 0:
         return chosen
-    # One more edge is worth more than any rearrangement of the others.
+    # One more edge outweighs any rearrangement of the others.
     unmatched_cost = float((cost.max() - min(cost.min(), 0.0)) * (len(cost) + 1) + 1.0)
     order = np.argsort(problem, kind="stable")
     starts = np.flatnonzero(np.diff(problem[order], prepend=problem[order[0]] - 1))

@@ -41,14 +41,14 @@ class Observations(eqx.Module):
         return self.frame_index * self.camera_count + self.kept.camera
 
     def frame_start(self, index: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-        """(K,) first observation of frames by index; F gives the end of the last one."""
+        """Return the first observation (K,) of frames by index; for F, the end of the last one."""
         return self.cell_start[index * self.camera_count]
 
 
 def time_steps(frames: Int[np.ndarray, " f"]) -> Int[np.ndarray, " f"]:
     """Convert ascending frame numbers to whole time steps, where the median distance is one step.
 
-    Annotated sequences often number every fifth frame: 0, 5, 10. A frame without detections leaves
+    Annotated sequences often have every fifth frame: 0, 5, 10. A frame without detections leaves
     a gap instead of joining its neighbors. For an even number of distances the lower median is one
     step.
     """
@@ -102,7 +102,7 @@ def appearance_distance(
     first: Int[np.ndarray, " p"],
     second: Int[np.ndarray, " p"],
 ) -> Float[np.ndarray, " p"]:
-    """Cosine distance in [0, 2] of pairs of unit vectors; 1 where one of them is zero.
+    """Compute the cosine distance in [0, 2] of pairs of unit vectors; 1 where one is zero.
 
     Computed in slices, so that temporary memory does not grow with the number of pairs.
     """

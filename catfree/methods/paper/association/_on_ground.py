@@ -21,7 +21,7 @@ def least_squares_on_ground(
     directions: Float[Array, "cam 3"],
     weights: Float[Array, " cam"],
 ) -> Float[Array, "3"]:
-    """The point of the ground with the smallest weighted sum of squared distances to the rays.
+    """Find the ground point with the smallest weighted sum of squared distances to the rays.
 
     Args:
         origins: (C, 3) camera centers in the canonical frame.
@@ -53,7 +53,7 @@ def triangulate_on_ground(
     *,
     refit: bool,
 ) -> Float[Array, "3"]:
-    """Robust position with the height fixed at 0, with the loss and refit of the free estimate.
+    """Estimate a robust position at height 0, with the loss and refit of the free estimate.
 
     Args:
         origins: (C, 3) camera centers in the canonical frame.

@@ -16,7 +16,7 @@ _weigh = jax.jit(jax.vmap(geometry.ray_weight, (0, None, 0, None, None)))
 def measured_pose_ratio(
     residual: Float[np.ndarray, " n"], ankles_confirmed: Bool[np.ndarray, " n"]
 ) -> float:
-    """Weight of rays without confirmed ankles relative to rays with them.
+    """Estimate the weight of rays without confirmed ankles relative to rays with them.
 
     Args:
         residual: (N,) angular residuals of an unweighted triangulation in radians; NaN for
@@ -45,7 +45,7 @@ def ray_weights(
     median_height: float,
     settings: RaySettings,
 ) -> Float[np.ndarray, " n"]:
-    """Reliability w of each ray in (0, 1].
+    """Compute the reliability w of each ray in (0, 1].
 
     Args:
         height: (N,) box heights in pixels.

@@ -55,7 +55,7 @@ def _near_pairs(
     """Select pairs whose feet are near, with their displacement in heights of the smaller box.
 
     The box height is the person's height, so this is a length in body heights anywhere in the
-    image. Box overlap is not usable: at two frames per second a walker leaves the previous box.
+    image. Box overlap is useless: at two frames per second a walker leaves the previous box.
     Computed in slices: memory grows with the number of near pairs, not of all pairs.
     """
     kept = observations.kept

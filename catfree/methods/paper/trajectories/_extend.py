@@ -34,8 +34,8 @@ def appearance_threshold(
     """Estimate the largest appearance distance between a track and an extension.
 
     It is Otsu's threshold between the distances of positions to their own track and to the other
-    tracks of the same frame. Each distance is that of the most similar supporting detection, as in
-    the extension.
+    tracks of the same frame. Each distance is to the most similar supporting detection, as in the
+    extension.
 
     Args:
         track_looks: (T, D) mean appearance of each track.
@@ -58,7 +58,7 @@ def appearance_threshold(
 def track_appearance(
     positions: Positions, appearance: Float[np.ndarray, "n d"]
 ) -> Float[np.ndarray, "t d"]:
-    """Unit mean appearance of each track, (T, D)."""
+    """Compute the unit mean appearance of each track, (T, D)."""
     each = position_appearance(appearance, positions.member)
     total = np.zeros((positions.track.max(initial=-1) + 1, each.shape[1]), np.float32)
     np.add.at(total, positions.track, each)
@@ -117,7 +117,7 @@ def extend_tracks(
             good &= _unoccupied(positions, frame, xy, occupied_radius)
             if track_looks is not None and appearance is not None and threshold is not None:
                 good &= _closest(track_looks, track, appearance, member) <= threshold
-            # If several tracks reach one place, the best supported one keeps it.
+            # If several tracks reach one place, the best supported track keeps it.
             good = suppress_by_frame(frame, xy, weight[:, None], good, occupied_radius)
             active[track[good]] = True
             positions = Positions(

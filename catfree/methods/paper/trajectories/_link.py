@@ -32,7 +32,7 @@ class Positions(NamedTuple):
 def position_appearance(
     appearance: Float[np.ndarray, "n d"], member: Int[np.ndarray, "m cam"]
 ) -> Float[np.ndarray, "m d"]:
-    """Unit mean of the supporting detections' appearance, (M, D); zero without detections."""
+    """Compute the supporting detections' unit mean appearance, (M, D); zero without any."""
     total = np.zeros((len(member), appearance.shape[1]), np.float32)
     for column in member.T:  # one camera at a time bounds the memory
         present = column >= 0

@@ -1,4 +1,4 @@
-"""How fast the people of tracks walk, from the positions before and after."""
+"""Walking velocities of tracks, from the positions before and after."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,7 +10,7 @@ def difference_velocities(
     ground_xy: Float[np.ndarray, "m 2"],
     covariance: Float[np.ndarray, "m 2 2"],
 ) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2 2"]]:
-    """The velocity of each position by differences of its track.
+    """Estimate the velocity at each position from differences within its track.
 
     Central differences, one-sided at both ends. Errors of different frames count as independent.
 
