@@ -689,9 +689,9 @@ def test_results_are_written_before_the_overlay(world, tmp_path, monkeypatch, ca
 @pytest.mark.parametrize(
     ("command", "sentence"),
     [
-        ("localize", "known cameras and ground: .* without it they are found from the people."),
+        ("localize", "known cameras and ground: .* without it, they are found from the people."),
         ("evaluate", "results folder of a run or of joined shards, .* tracks.parquet."),
-        ("shard", "what `catfree plan` wrote."),
+        ("shard", "the plan that `catfree plan` wrote."),
     ],
 )
 def test_help_breaks_lines_only_where_the_terminal_ends(
