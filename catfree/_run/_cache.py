@@ -1,4 +1,4 @@
-"""Cache of stage results on disk, keyed by the content they are computed from."""
+"""Cache stage results on disk, keyed by the content that they are computed from."""
 
 import dataclasses
 import functools
@@ -30,22 +30,22 @@ SEPARATOR = "."
 class StageCache:
     """A folder of results, one file per result, named by stage and content key.
 
-    Files appear complete or not at all, under names that only equal content produces: a killed run
-    leaves the stages it finished, concurrent runs write identical files, and other videos, weights,
-    settings or code never find them. A damaged file counts as absent.
+    Files are written completely or not at all, and named by a key of their inputs: a killed run
+    keeps its finished stages, concurrent runs write identical files, and a run with other videos,
+    weights, settings or code does not reuse them. A damaged file counts as absent.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         """Create the folder if it does not exist and remove partial files of killed runs.
 
         Raises:
-            WriteError: if the folder cannot be made.
+            WriteError: if the folder cannot be created.
         """
         self.folder = make_folder(folder)
         remove_abandoned(self.folder)
 
     def path(self, stage: str, key: str) -> Path:
-        """Path of the result of a stage with this content key, whether or not it exists."""
+        """Return the path of a stage's result with this content key, whether or not it exists."""
         return self.folder / f"{stage}-{key[:40]}.npz"
 
     def load(self, stage: str, key: str, kind: type[T]) -> T | None:
@@ -53,8 +53,8 @@ class StageCache:
 
         Args:
             stage: the stage's name.
-            key: content key of everything that the result follows from.
-            kind: the dataclass that was stored.
+            key: content key of everything that determines the result.
+            kind: the dataclass to read.
         """
         try:
             return load_value(self.path(stage, key), kind)
@@ -91,7 +91,7 @@ def cached(
         stage: the stage's name.
         kind: the dataclass that `compute` returns.
         compute: called only if there is no stored result.
-        **inputs: what the result follows from, as `content_key` takes it.
+        **inputs: everything that determines the result, as for `content_key`.
 
     Raises:
         InvalidInputError: as `content_key`.
@@ -109,23 +109,23 @@ def cached(
 
 
 def content_key(stage: str, *packages: str, **inputs: Any) -> str:
-    """Hash of all that a result follows from: equal content, equal key.
+    """Hash everything that determines a result: equal content, equal key.
 
     Args:
         stage: the stage's name.
         *packages: sub-packages of catfree whose code makes the result; all of catfree if none.
-        **inputs: detections, scene and settings, what has a fingerprint, and what JSON can hold.
+        **inputs: detections, scenes, settings, objects with a fingerprint, and JSON values.
 
     Raises:
-        InvalidInputError: if a detector, embedder or reconstructor has no fingerprint, so that
-            results of different ones cannot be told apart.
+        InvalidInputError: if a detector, embedder or reconstructor has no fingerprint, so that its
+            results cannot be told from those of another.
     """
     told_apart = {name: _told_apart(name, value) for name, value in inputs.items()}
     return hash_parameters(stage, code_hash(*packages), **told_apart)
 
 
 def _told_apart(name: str, value: Any) -> Any:
-    """What tells an input from others, in a form that JSON can hold."""
+    """Represent an input by JSON values that differ whenever the input differs."""
     if value is None or type(value) in (bool, int, float, str, list, tuple):
         return value
     if isinstance(value, Detections | Scene | Settings):
@@ -163,7 +163,7 @@ def load_value(path: Path, kind: type[T]) -> T:
 
 
 def to_arrays(value: Any) -> Arrays:
-    """Map field names of a dataclass to arrays; fields of a nested one are named `outer.inner`."""
+    """Map field names of a dataclass to arrays, with `outer.inner` for fields of a nested one."""
     arrays: Arrays = {}
     for field in dataclasses.fields(value):
         item = getattr(value, field.name)
@@ -179,7 +179,7 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
     """Rebuild the dataclass that `to_arrays` converted.
 
     Raises:
-        FileFormatError: if a field is missing that is neither optional nor has a default.
+        FileFormatError: if a required field is missing.
         InvalidInputError: if a field does not have its declared type, or violates an invariant of
             its dataclass.
     """
@@ -211,7 +211,7 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
 
 
 def content_hash(value: Any) -> str:
-    """SHA-256 of a dataclass of arrays: equal content, equal hash."""
+    """Compute the SHA-256 of a dataclass of arrays: equal content, equal hash."""
     digest = hashlib.sha256(type(value).__name__.encode())
     for name, array in sorted(to_arrays(value).items()):
         digest.update(f"{name} {array.dtype} {array.shape}".encode())
@@ -221,7 +221,7 @@ def content_hash(value: Any) -> str:
 
 @functools.cache
 def code_hash(*packages: str) -> str:
-    """SHA-256 of the source of the named sub-packages of catfree; of all of catfree if none."""
+    """Compute the SHA-256 of the source of these sub-packages of catfree, or of all if none."""
     root = Path(__file__).parents[1]
     folders = [root / package for package in packages] or [root]
     digest = hashlib.sha256()

@@ -40,11 +40,10 @@ def write_failure(
     """Write the partial results of a failed run.
 
     Args:
-        root: the result folder, created if it does not exist; pictures of an earlier run, and what
-            it says about its boxes, are removed, its tracks and cameras stay, and the report lists
-            them.
+        root: the result folder, created if it does not exist; pictures and boxes of an earlier run
+            are removed; its tracks and cameras are kept and listed in the report.
         error: why it failed.
-        unfinished: the partial results; nothing is written of boxes, nor before detection has
+        unfinished: the partial results; boxes are written only for videos, after detection has
             finished.
         embeddings: write the boxes' appearance vectors, too.
         blur: make the people in the picture unrecognizable.
@@ -95,7 +94,7 @@ def write_failure(
 def box_table(
     names: Sequence[str], per_camera: Sequence[Detections], feet: Sequence[float | None]
 ) -> Table:
-    """Number, median height, median score and visible feet of the boxes, one row per camera."""
+    """Tabulate number, median height, median score and visible feet of the boxes, by camera."""
     rows = []
     for name, boxes, share in zip(names, per_camera, feet, strict=True):
         height = f"{np.median(boxes.height):.0f}" if len(boxes) else ""
@@ -106,7 +105,7 @@ def box_table(
 
 
 def share_of_feet(boxes: Detections, image_size: Int[np.ndarray, " axis"]) -> float | None:
-    """Share of one camera's boxes with visible feet; None if there are no boxes.
+    """Compute the share of one camera's boxes with visible feet; None if there are no boxes.
 
     Feet are hidden where the detector found no ankles, or where the image border cuts the box.
     """
@@ -119,7 +118,7 @@ def share_of_feet(boxes: Detections, image_size: Int[np.ndarray, " axis"]) -> fl
 
 
 def hidden_feet(names: Sequence[str], feet: Sequence[float | None]) -> tuple[str, ...]:
-    """One sentence on the cameras that see the feet of less than half of the people."""
+    """Name the cameras that see the feet of fewer than half of the people, in one sentence."""
     few = [
         f"{shortened(name)} ({share:.0%} of the boxes)"
         for name, share in zip(names, feet, strict=True)
@@ -137,7 +136,7 @@ def hidden_feet(names: Sequence[str], feet: Sequence[float | None]) -> tuple[str
 def _fullest_instant(
     videos: SynchronizedVideos, detections: Detections, blur: bool
 ) -> list[np.ndarray]:
-    """Images of the instant with the most boxes, with the boxes drawn."""
+    """Draw the boxes on the images of the instant with the most boxes."""
     instant = np.searchsorted(videos.frames, detections.frame)
     count = np.bincount(instant, minlength=len(videos.frames))
     frame, images = next(videos.instants_from(int(count.argmax())))

@@ -1,4 +1,4 @@
-"""What the cameras recorded, and checks of the input of a run.
+"""What the cameras recorded, and checks of the input to a run.
 
 Fatal mistakes raise; others become warnings.
 """
@@ -38,11 +38,11 @@ from catfree.types._detections import is_confident
 from catfree.types._sampling import frame_step
 from catfree.types._scene import require_scene
 
-# What the cameras recorded; of both, the names and image sizes of the cameras are used.
+# What the cameras recorded; code for both kinds uses only camera names and image sizes.
 Recording = SynchronizedVideos | CameraBoxes
 
-LONGEST = 60  # instants: largest offset of a clock to look for
-WORTH_SAYING = 0.05  # share of the footage lost; recordings never end on the same frame
+LONGEST = 60  # instants: largest clock offset to search
+WORTH_SAYING = 0.05  # share of the footage lost, as recordings never end on the same frame
 # Rose criterion: a signal stands out from noise at five standard deviations.
 DEVIATIONS_TO_MEASURE = 5.0
 
@@ -69,7 +69,7 @@ def require_distinct_videos(videos: SynchronizedVideos) -> None:
     """
     paths = [one.path for one in videos.footage]
     files = [[path] if path.is_file() else ImageFolder(path).files for path in paths]
-    # Equal recordings have equal sizes and parts, which take no reading, or little.
+    # Equal recordings have equal sizes and parts, which need little or no reading to compare.
     if _differ([tuple(map(os.path.getsize, camera_files)) for camera_files in files]):
         return
     if _differ([hash_samples(camera_files[len(camera_files) // 2]) for camera_files in files]):
@@ -93,11 +93,11 @@ def _differ(keys: Sequence[Hashable]) -> bool:
 def scene_of(
     source: Scene | SceneSource | str | os.PathLike[str] | None, names: Sequence[str] | None
 ) -> tuple[Scene | None, Sequence[str] | None]:
-    """Take the scene of whatever gives one, and the names of its cameras if it has them.
+    """Take the scene, and the names of its cameras if known, from any source of a scene.
 
     Raises:
-        InvalidInputError: if the source gives no scene.
-        FileFormatError: if it is a file that `read_scene` cannot read.
+        InvalidInputError: if the source has no scene.
+        FileFormatError: if the source is a file that `read_scene` cannot read.
     """
     if source is None:
         return None, names
@@ -114,22 +114,22 @@ def scene_of(
 def order_like(
     scene: Scene, names: Sequence[str] | None, cameras: Sequence[str], kind: str = "videos"
 ) -> tuple[Scene, tuple[str, ...]]:
-    """Put the cameras of a scene in the order of the videos or boxes, where names allow it.
+    """Put the cameras of a scene in the order of the videos or boxes if names match.
 
     Args:
-        scene: with a camera for each of the recording's, or more.
+        scene: has at least the cameras of the recording.
         names: (C,) names of its cameras, or None if they have none.
-        cameras: names of the recording's cameras, which are looked for among `names`.
-        kind: what the recording consists of, "videos" or "boxes".
+        cameras: names of the recording's cameras, to find among `names`.
+        kind: kind of recording, "videos" or "boxes".
 
     Returns:
-        The scene, and warnings: that cameras were reordered or left out, or that names do not
+        The scene, and warnings about cameras that were reordered or left out, or names that do not
         match.
 
     Raises:
-        InvalidInputError: if names do not tell which cameras are meant, and the scene has more, or
-            one of the names is that of a camera in another place.
-        InsufficientDataError: if a single camera of several is meant.
+        InvalidInputError: if the scene has more cameras and names do not identify the recording's,
+            or a name belongs to a camera in another place.
+        InsufficientDataError: if the names match only one of several cameras.
     """
     if names is None:
         return scene, ()
@@ -156,7 +156,7 @@ def order_like(
                 " ".join((f"Localization needs {kind} of at least 2 cameras.", *warnings))
             )
         return replace(scene, rig=scene.rig.select(order)), tuple(warnings)
-    if kind != "videos" and is_numbered(wanted):  # default names; those of videos are of files
+    if kind != "videos" and is_numbered(wanted):  # default names; videos are named by their files
         return scene, ()
     place = [positions_of([name], given) for name in wanted]
     contradicts = any(found not in (None, [at]) for at, found in enumerate(place))
@@ -176,10 +176,10 @@ def order_like(
 def match_cameras(
     scene: Scene, names: Sequence[str] | None, recording: Recording
 ) -> tuple[Scene, Recording, tuple[str, ...]]:
-    """Match the cameras of a scene to those of a recording, and name those that have no boxes.
+    """Match the cameras of a scene to those of a recording, and name cameras without boxes.
 
     Args:
-        scene: with a camera for each of the recording's, or more.
+        scene: has at least the cameras of the recording.
         names: (C,) names of its cameras, or None if they have none.
         recording: the footage or boxes.
 
@@ -213,7 +213,7 @@ def match_cameras(
 
 
 def _require_same_sizes(scene: Scene, recording: Recording) -> None:
-    """Raise at the first camera whose images have another size than in the scene."""
+    """Raise at the first camera whose image size differs from the scene's."""
     size = recording.image_size
     if size is None:
         return
@@ -229,7 +229,7 @@ def _require_same_sizes(scene: Scene, recording: Recording) -> None:
 
 
 def footage_warnings(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about footage that is missing or not used, and about times that are not known.
+    """Warn about footage that is missing or unused, and about unknown times.
 
     Args:
         videos: on their common clock.
@@ -240,7 +240,7 @@ def footage_warnings(videos: SynchronizedVideos) -> tuple[str, ...]:
 
 
 def before_damage(videos: SynchronizedVideos) -> tuple[SynchronizedVideos, tuple[str, ...]]:
-    """Return the footage before any damage at which the last iteration ended, and a warning of it.
+    """Return the footage before the damage that ended the last iteration, if any, and a warning.
 
     Args:
         videos: after an iteration over them.
@@ -254,13 +254,13 @@ def before_damage(videos: SynchronizedVideos) -> tuple[SynchronizedVideos, tuple
 
 
 def missing_pictures(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about cameras that lack pictures of some instants, which the others show.
+    """Warn about cameras that lack pictures of instants that the others show.
 
     Args:
         videos: on their common clock.
 
     Returns:
-        One sentence per camera that dropped frames or was not recording for long.
+        One sentence per camera that dropped frames or lacks many pictures.
     """
     total = len(videos)
     return tuple(
@@ -273,7 +273,7 @@ def missing_pictures(videos: SynchronizedVideos) -> tuple[str, ...]:
 
 
 def dropped_instants(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about cameras that have no frame near some instants, which are left out.
+    """Warn about cameras that have no frame near some instants, which are then left out.
 
     Args:
         videos: on their common clock.
@@ -290,7 +290,7 @@ def dropped_instants(videos: SynchronizedVideos) -> tuple[str, ...]:
 
 
 def missing_images(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about folders whose images are numbered with gaps, where no table states their times.
+    """Warn about folders of images numbered with gaps, without a table of times.
 
     Args:
         videos: on their common clock.
@@ -307,7 +307,7 @@ def missing_images(videos: SynchronizedVideos) -> tuple[str, ...]:
         numbers = [int(last[0]) for last in digits if last]
         steps = [after - before for before, after in itertools.pairwise(numbers)]
         step = math.gcd(*steps)
-        # Where no two neighbors are one step apart, the numbers do not count images.
+        # If no two neighbors are one step apart, the numbers do not count images.
         if len(numbers) == len(files) and steps and max(steps) > step == min(steps):
             at = next(n for n, wide in enumerate(steps) if wide > step)
             warnings.append(
@@ -319,7 +319,7 @@ def missing_images(videos: SynchronizedVideos) -> tuple[str, ...]:
 
 
 def unknown_times(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about cameras whose frames have no times, where times are given nevertheless.
+    """Warn about cameras without frame times when others have them.
 
     Args:
         videos: on their common clock.
@@ -338,7 +338,7 @@ def unknown_times(videos: SynchronizedVideos) -> tuple[str, ...]:
 
 
 def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about cameras that end long before the others, and leave too few to locate people.
+    """Warn about cameras that end long before the others, leaving too few to locate people.
 
     Args:
         videos: on their common clock.
@@ -366,7 +366,7 @@ def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
 
 
 def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> tuple[str, ...]:
-    """Warn if most boxes are too small to be measured: not people, or people far away.
+    """Warn if most boxes are too small to measure, so not people, or people far away.
 
     Args:
         detections: boxes of all cameras.
@@ -378,7 +378,7 @@ def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> tuple[s
     if not len(detections):
         return ()
     height = np.asarray(detections.height, np.float64)
-    # The noise of a height is that of its two edges.
+    # A height has the noise of two edges.
     noise = np.sqrt(2) * edge_deviation(height, settings.relative_sd, settings.pixel_sd)
     if np.mean(height < DEVIATIONS_TO_MEASURE * noise) <= 0.5:
         return ()
@@ -399,11 +399,11 @@ def clock_warnings(
     """Warn about cameras whose clocks do not fit a known scene.
 
     Args:
-        localization: of the detections in the scene.
+        localization: result for the detections in the scene.
         detections: boxes of all cameras.
         scene: known cameras and ground.
         videos: the footage or boxes.
-        settings: of the run.
+        settings: settings of the run.
     """
     step = frame_step(np.unique(detections.frame))
     try:
@@ -426,7 +426,7 @@ def clock_warnings(
 
 
 def calibrating_score(settings: Settings) -> float:
-    """The least score of boxes that a rig is estimated from."""
+    """Return the lowest score of boxes used to estimate a rig."""
     return max(settings.confidence, settings.calibration_confidence)
 
 
@@ -436,13 +436,13 @@ def calibration_warnings(
     videos: Recording,
     settings: Settings,
 ) -> tuple[str, ...]:
-    """Warn about clocks that are or seem to be wrong, and about anchors that contradict others.
+    """Warn about clocks that are or seem wrong, and about contradictory anchors.
 
     Args:
-        calibration: found from the people.
+        calibration: the result.
         detections: all boxes, on the clocks as given.
         videos: the footage or boxes, on the clocks as given.
-        settings: of the run.
+        settings: settings of the run.
     """
     offset = calibration.frame_offset
     warnings = [

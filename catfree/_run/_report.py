@@ -1,4 +1,4 @@
-"""The report of a run: a player, what to heed, results, reliability and settings."""
+"""The report of a run: a player, warnings, results, reliability and settings."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -27,9 +27,9 @@ from catfree.viz.page._blocks import (
 )
 from catfree.viz.page._player import Player
 
-LEAST_MODA = 50.0  # percent; below it, more than half of what is reported or missed is wrong
-LEAST_COVERED = 0.5  # share of the area; a median uncertainty is known only above it
-LEAST_BOXES_USED = 0.5  # cameras in a wrong order or out of step explain far fewer boxes
+LEAST_MODA = 50.0  # percent; below it, misses and false positives exceed half of the people
+LEAST_COVERED = 0.5  # share of the area; the median uncertainty is known only above it
+LEAST_BOXES_USED = 0.5  # rigs with swapped or unsynchronized cameras explain far fewer boxes
 
 # Labels of the fields of `Thresholds`.
 THRESHOLD_NAMES = {
@@ -63,7 +63,7 @@ def write_report(
         settings: the settings of the run.
         files: other files of the folder, to be listed.
         pictures: pictures of the folder, to be shown.
-        player: what the page plays, or None.
+        player: the player of the page, or None.
         covered: the ground that the cameras see, or None.
         video: the overlay video in the folder, or None.
         extra: further blocks, shown after the checks.
@@ -92,12 +92,12 @@ def write_report(
 
 
 def describe_warnings(warnings: Sequence[str]) -> list[Block]:
-    """The warnings in a frame; no block if there are none."""
+    """Show the warnings in a frame; return no block if there are none."""
     return [Notice("Warnings", tuple(warnings))] if warnings else []
 
 
 def describe_acceptance(outcome: RunOutcome, covered: Coverage | None = None) -> list[Block]:
-    """Verdicts on cameras, coverage and positions, from what is known without labels.
+    """Show verdicts on cameras, coverage and positions that need no labels.
 
     Args:
         outcome: what `run_stages` returned.
@@ -136,14 +136,14 @@ def describe_acceptance(outcome: RunOutcome, covered: Coverage | None = None) ->
 def _verdict(
     question: str, value: float, passed: bool | np.bool_, factor: float, unit: str
 ) -> tuple[str, str, bool | None]:
-    """A row of `Verdicts`; unknown where the value is NaN, as without positions."""
+    """Make a row of `Verdicts`, unknown where the value is NaN for lack of positions."""
     if not np.isfinite(value):
         return question, "nobody found", None
     return question, f"{factor * value:.3g} {unit}", bool(passed)
 
 
 def describe_footage(videos: SynchronizedVideos) -> list[Block]:
-    """The videos, and the time of frame 0 where the frames have times."""
+    """Show the videos and, if the frames have times, the time of frame 0."""
     blocks: list[Block] = [Heading("Footage"), footage_table(videos)]
     clock = videos.clock
     if clock is not None:
@@ -155,7 +155,7 @@ def describe_footage(videos: SynchronizedVideos) -> list[Block]:
 
 
 def footage_table(videos: SynchronizedVideos) -> Table:
-    """Length, frame rate, size, unused and dropped frames of the videos, one row per camera."""
+    """Tabulate length, frame rate, size, unused and dropped frames of each video."""
     rows = []
     for video in videos.footage:
         rate = "" if video.fps is None else f"{video.fps:.4g}"
@@ -169,7 +169,7 @@ def footage_table(videos: SynchronizedVideos) -> Table:
 
 
 def describe_result(outcome: RunOutcome) -> list[Block]:
-    """Numbers of cameras, frames, detections, tracks and positions."""
+    """Show the numbers of cameras, frames, detections, tracks and positions."""
     tracks, frames = outcome.localization.tracks, outcome.frames
     people = len(np.unique(tracks.track_id[tracks.track_id >= 0]))
     per_frame = len(tracks) / len(frames) if len(frames) else 0.0
@@ -228,7 +228,7 @@ def describe_cameras(outcome: RunOutcome, person_height: float) -> list[Block]:
 def camera_table(
     scene: Scene, camera_names: Sequence[str], calibration: Calibration | None
 ) -> Table:
-    """Height, focal length and, for a rig from people, the reliability of each camera."""
+    """Tabulate height and focal length of each camera, with reliability for a rig from people."""
     rig = scene.rig
     height = np.asarray(scene.ground.signed_distance(np.asarray(rig.centers, np.float64)))
     header = ["camera", "height above ground", "focal length (px)"]
@@ -252,7 +252,7 @@ def camera_table(
 
 
 def describe_reliability(localization: Localization, scene: Scene) -> list[Block]:
-    """The label-free summary, the thresholds and the fates of the candidates."""
+    """Show the label-free summary, the thresholds and the fates of the candidates."""
     reliability, tracks = localization.reliability, localization.tracks
     unit = " m" if scene.metric else ""
     extended = float((tracks.origin != Origin.DETECTED).mean()) if len(tracks) else 0.0
@@ -290,12 +290,12 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
 
 
 def _formatted(value: float, form: str, unit: str = "") -> str:
-    """Format a number that is NaN without positions."""
+    """Format a number, which is NaN without positions."""
     return f"{value:{form}}{unit}" if np.isfinite(value) else "too few people"
 
 
 def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:
-    """Expected MODA, precision and recall, where available."""
+    """Make rows of expected MODA, precision and recall, where available."""
     rows = []
     expected, low, high = reliability.expected_moda, reliability.moda_low, reliability.moda_high
     if expected is not None and low is not None and high is not None:
@@ -312,7 +312,7 @@ def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:
 
 
 def describe_settings(settings: Settings) -> list[Block]:
-    """Every setting of the run."""
+    """Show all settings of the run."""
     rows = tuple((name, str(value)) for name, value in _flat(dataclasses.asdict(settings)))
     return [Folded("Settings", (Table(("setting", "value"), rows),))]
 

@@ -1,4 +1,4 @@
-"""The result folder: tracks, cameras and pictures in the formats that other tools read."""
+"""The result folder: tracks, cameras and pictures in formats that other tools read."""
 
 import dataclasses
 import importlib.util
@@ -44,11 +44,11 @@ from catfree.viz.page._player import Player, make_player
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# TrackEval matches two squares at an IoU of 0.5. In a scene of unknown scale the matching distance
-# is the longest step of a track between frames.
+# TrackEval matches two squares at an IoU of 0.5. If the scale is unknown, the matching distance is
+# the longest step of a track between frames.
 MATCHING_METERS = 1.0
 INSTANTS, OVERLAY_FILE = "pictures/instants", "overlay.webm"
-# With files, within the result folder.
+# Folders within the result folder that contain files.
 FOLDERS = ("", "boxes", "pictures", INSTANTS, "rig", "rig/colmap")
 LOCALIZATION_FILE = "localization.npz"
 TABLE_FILE, MOT_FILE = "tracks.csv", "tracks_mot.txt"
@@ -64,7 +64,7 @@ RIG_FILES = (
     "rig/calibration.toml",
     *(f"rig/colmap/{part}.txt" for part in ("cameras", "images", "points3D")),
 )
-# Not every run writes these.
+# Only some runs write these.
 SOMETIMES = ("tracks.parquet", "tracks.geojson", RESULT_SILENT, RESULT_OFFSETS, *RIG_FILES)
 
 
@@ -85,16 +85,16 @@ def write_results(
     """Write all results of a run.
 
     Args:
-        folder: created if it does not exist; files of an earlier run are replaced, or removed if
-            this one does not write them, as are temporary files that a killed one left over.
+        folder: created if it does not exist; files of an earlier run are replaced or removed, as
+            are temporary files of a killed run.
         outcome: what `run_stages` returned.
         settings: the settings of the run, for the report.
-        videos: the footage, for the pictures of the report; None for a report without.
+        videos: the footage, for pictures in the report; None for a report without pictures.
         pictures: draw plots; None: if matplotlib is installed.
         area: x_min, x_max, y_min, y_max of an area to outline in the plots, in ground coordinates.
         ground_truth: (N, 4) rows [frame, id, x, y] in ground coordinates to draw, or None.
-        embeddings: write the boxes' appearance vectors to `detections.npz`. They are personal data:
-            they recognize a person in other footage.
+        embeddings: write the boxes' appearance vectors to `detections.npz`. They are personal data,
+            as they can identify a person in other footage.
         blur: make people unrecognizable in all pictures.
         overlay: show `overlay.webm` of the same folder, which the caller writes.
         extra: blocks for the report, after the checks.
@@ -104,9 +104,10 @@ def write_results(
         64 cameras, `tracks_mot.txt` for TrackEval, `boxes/CAMERA.txt` in MOTChallenge form with
         identities, `detections.npz`, `localization.npz`, the scene as `scene.json`,
         `rig/colmap` and `rig/calibration.toml`, `pictures/`, `report.md` and `report.html`; also
-        `missing_pictures.csv` if pictures are missing, and `offsets.csv` if videos began apart.
-        `tracks_mot.txt` and `boxes/` number frames from 1 in steps of 1, empty ones included: the
-        first of videos is 1, and frames of boxes that count from 1 keep their numbers.
+        `missing_pictures.csv` if pictures are missing, and `offsets.csv` if videos began at
+        different times. `tracks_mot.txt` and `boxes/` number all frames consecutively from 1,
+        including empty ones: the first frame of videos becomes 1; frame numbers of boxes that count
+        from 1 are kept.
 
     Raises:
         InvalidInputError: if the localization was made from other detections.
@@ -168,7 +169,7 @@ def write_results(
 
 
 def remove_unless_written(earlier: Sequence[Path], written: Sequence[Path | None]) -> None:
-    """Remove files of an earlier run, if there are any, that this run has not written."""
+    """Remove files of an earlier run that this run did not write."""
     for path in set(earlier) - set(written):
         if path.is_file():
             path.unlink()
@@ -182,15 +183,15 @@ def earlier_results(root: Path) -> list[Path]:
 
 
 def earlier_views(root: Path) -> list[Path]:
-    """List where an earlier run may have left pictures and the overlay video."""
+    """List where an earlier run may have left pictures or the overlay video."""
     drawn = (root / "pictures" / name for name in PICTURES)
     return [*drawn, *earlier_pictures(root / INSTANTS), root / OVERLAY_FILE]
 
 
 def _earlier_boxes(root: Path) -> list[Path]:
-    """The files of boxes of an earlier run, by the names of its cameras."""
+    """List the boxes' files of an earlier run, named after its cameras."""
     if not (root / LOCALIZATION_FILE).is_file():
-        return []  # `write_rig` writes a scene, too, but no boxes: those are not ours
+        return []  # `write_rig` also writes a scene but no boxes, so such boxes are not ours
     try:
         names = read_scene_json(root / RESULT_SCENE)[1]
     except CatFreeError:
@@ -206,9 +207,9 @@ def _write_player(
     *,
     blur: bool,
 ) -> tuple[Player | None, list[Path]]:
-    """The player of the report, None without any instant, and the pictures that it shows."""
+    """Write the pictures of the report's player; return it (None without instants) and them."""
     results = (outcome.detections, outcome.localization, outcome.scene)
-    # The footage may reach further than its last frame that can be decoded.
+    # Footage may continue beyond its last decodable frame.
     frames = outcome.frames if videos is None else np.intersect1d(outcome.frames, videos.frames)
     clock = outcome.detections.clock
     gap = float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
@@ -237,11 +238,11 @@ def _write_player(
 def write_rig(root: Path, scene: Scene, camera_names: Sequence[str]) -> list[Path]:
     """Write cameras and ground as `scene.json` and in the formats of COLMAP and anipose.
 
-    Only `scene.json` can hold cameras that are grids of rays.
+    Only `scene.json` can describe cameras that are grids of rays.
 
     Args:
         root: the result folder, created if it does not exist.
-        scene: cameras and ground; cameras that are not registered are only in `scene.json`.
+        scene: cameras and ground; unregistered cameras are only in `scene.json`.
         camera_names: (C,) names.
 
     Returns:
@@ -251,7 +252,7 @@ def write_rig(root: Path, scene: Scene, camera_names: Sequence[str]) -> list[Pat
     written = [write_scene_json(root / RESULT_SCENE, scene, camera_names)]
     if (scene.rig.lenses == Lens.RAYS).any():
         return written
-    # COLMAP separates its columns by spaces.
+    # COLMAP separates columns by spaces.
     joined = distinct_names(["_".join(name.split()) for name in camera_names])
     write_colmap_text(root / "rig" / "colmap", scene.rig, joined)
     write_anipose_toml(root / "rig" / "calibration.toml", scene.rig, camera_names)
@@ -294,17 +295,17 @@ def draw_pictures(
     covered: Coverage | None = None,
     suppression_radius: float = SelectionSettings().suppression_radius,
 ) -> list[Path]:
-    """Draw the bird's-eye view, the expected uncertainty and the gates, if there are any.
+    """Draw the bird's-eye view, the expected uncertainty and the gates, where they exist.
 
     Args:
         folder: created if it does not exist.
         localization: what `localize` returned.
-        scene: the scene it was made with.
+        scene: the scene of the localization.
         camera_names: (C,) labels of the cameras.
         area: x_min, x_max, y_min, y_max of an area to outline.
         ground_truth: (N, 4) rows [frame, id, x, y] to draw, or None.
         covered: the result of `coverage` for the scene and the area; None to compute it.
-        suppression_radius: of the run, as a share of E; the unit of the gates.
+        suppression_radius: suppression radius of the run as a fraction of E, the unit of the gates.
 
     Returns:
         The pictures.
@@ -355,7 +356,7 @@ def draw_views(
     *,
     blur: bool,
 ) -> list[Path]:
-    """Draw tracks, and a grid of the ground, on all cameras' images amid the footage.
+    """Draw tracks and a ground grid on the images of all cameras near the middle of the footage.
 
     Args:
         folder: created if it does not exist.
@@ -364,7 +365,7 @@ def draw_views(
         blur: make people unrecognizable.
 
     Returns:
-        `views.jpg`, and `ground_grid.jpg` of rigs with two cameras or more: the cameras' pictures
+        `views.jpg` and, for two or more cameras, `ground_grid.jpg`: the pictures of the cameras
         side by side.
     """
     from catfree.viz._person_height import person_height
@@ -376,7 +377,7 @@ def draw_views(
     results = (outcome.detections, outcome.localization, outcome.scene)
     height = person_height(*results)
     middle = videos.frame_count // 2
-    # Truncated footage may not reach its middle.
+    # Truncated footage may end before its middle.
     frame, images = next(videos.instants_from(middle), None) or next(iter(videos))
     drawn = [
         draw_frame(image, camera, frame, *results, person_height=height, blur=blur)
@@ -427,11 +428,11 @@ def _write_tables(
 
 
 def numbers_of_files(frames: Int[np.ndarray, " t"], *, from_one: bool = False) -> range:
-    """Evenly spaced frame numbers, empty instants included, for files that count frames from 1.
+    """Return evenly spaced frame numbers, with empty instants, for files that count frames from 1.
 
     Args:
-        frames: (T,) sorted frame numbers, without those of empty instants.
-        from_one: begin with the smallest positive number, so that numbers that count from 1 stay.
+        frames: (T,) sorted frame numbers, without empty instants.
+        from_one: begin with the smallest positive number, which keeps numbers that count from 1.
     """
     if not len(frames):
         return range(0)
@@ -451,14 +452,14 @@ def write_boxes(
     *,
     embeddings: bool,
 ) -> list[Path]:
-    """Write the boxes as `detections.npz`, and each camera's as MOTChallenge `boxes/CAMERA.txt`.
+    """Write all boxes as `detections.npz` and each camera's boxes as MOTChallenge files.
 
     Args:
         root: the result folder, created if it does not exist.
         detections: (N,) boxes of all cameras.
         camera_names: (C,) names.
         frames: all frame numbers; the first becomes 1.
-        identity: (N,) track of each box or -1; None for no tracks.
+        identity: (N,) track of each box or -1; None without tracks.
         embeddings: keep the boxes' appearance vectors in `detections.npz`.
 
     Returns:

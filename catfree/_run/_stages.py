@@ -1,4 +1,4 @@
-"""The stages of a run after detection, each loaded from the cache if an earlier run finished it."""
+"""The stages of a run after detection, each loaded from the cache if it finished before."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -50,9 +50,9 @@ def calibrate_cameras(
             used.
         detector: the source of the boxes, or None; its `box_slack`, if any, replaces the default.
         detections: boxes of all cameras; those with a score below
-            `settings.calibration_confidence`, and of instants that some cameras did not show, are
+            `settings.calibration_confidence`, and those at instants that some cameras missed, are
             ignored.
-        settings: of the run; only `calibration`, `evidence` and the confidences are used.
+        settings: settings of the run; only `calibration`, `evidence` and the confidences are used.
         maximum_offset: largest clock offset of a single camera to search, in frames.
         anchors: as `calibrate`.
         cache: holds a finished calibration without anchors, or its first half.
@@ -145,7 +145,7 @@ def refine_cameras(
     """Second stage with inaccurate cameras: adjust them to the people.
 
     Returns:
-        The refined scene or, with a sentence that says why, the given one.
+        The refined scene, or the given one with a sentence that says why.
     """
     try:
         refined = cached(
@@ -181,17 +181,17 @@ def detect_again(
         embedder: as `run`.
         detections: boxes of the first pass.
         scene: cameras and ground.
-        settings: of the localization.
+        settings: settings of the localization.
         cache: holds a finished second pass.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
         The result of `look_again`, or the unchanged detections if the detector takes no hints or
-        the method is the paper's.
+        the paper's method is used.
     """
     if settings.method == "paper" or not isinstance(cameras.detector, FittedToCamera):
         return detections
-    # Positions too uncertain to report are still good enough as hints.
+    # Positions too uncertain to report are still useful as hints.
     settings = everywhere(settings)
 
     def look() -> Detections:
@@ -216,7 +216,7 @@ def detect_again(
 
 
 def everywhere(settings: Settings) -> Settings:
-    """Return the settings, changed to report people outside the working area, too."""
+    """Return the settings changed to also report people outside the working area."""
     unrestricted = dataclasses.replace(settings.evidence, working_area=False)
     return dataclasses.replace(settings, evidence=unrestricted)
 
@@ -236,7 +236,7 @@ def localize_people(
     Args:
         detections: boxes of all cameras.
         scene: cameras and ground.
-        settings: of the localization.
+        settings: settings of the localization.
         silent: frame and camera of missing pictures, as for `localize`.
         camera_names: names for warnings.
         cache: holds a finished localization.

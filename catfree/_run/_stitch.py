@@ -2,7 +2,7 @@
 
 All parameters are learned from the sequence: the appearance distance between the two halves of a
 track and between people present at the same time, and the displacement per number of frames.
-Everything learned is a sum over fragments, so that a long recording is learned in parts.
+Everything learned is a sum over fragments, so long recordings can be learned in parts.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from catfree.types import Detections, Localization, Tracks
 from catfree.types._sampling import expand_ranges
 
-LEAST_PAIRS = 8  # of each kind of pair needed to use appearance
+LEAST_PAIRS = 8  # number of each kind of pair needed to use appearance
 EVIDENCE_LIMIT = 8.0  # log-odds: appearance never claims less than one error in three thousand
 PAIRS_AT_A_TIME = 1 << 20  # 200 MB
 
@@ -33,7 +33,7 @@ class Fragments(eqx.Module):
         begin_sigma: (K,) uncertainty of the first position.
         end_sigma: (K,) uncertainty of the last position.
         boxes: (K,) number of boxes with an embedding.
-        looks: (K, D) normalized median embedding, zero without any box.
+        looks: (K, D) normalized median embedding, zero without boxes.
     """
 
     identity: Int[np.ndarray, " k"]
@@ -51,11 +51,11 @@ class Fragments(eqx.Module):
 
 
 class Habits(eqx.Module):
-    """What a recording teaches about motion and appearance, as sums that add up over its parts.
+    """Statistics of motion and appearance of a recording, as sums that add up over its parts.
 
     Attributes:
-        square: (L,) sum of the squared displacements per coordinate by number of frames.
-        pairs: (L,) number of displacements by number of frames.
+        square: (L,) sums of squared displacements per coordinate, by number of frames.
+        pairs: (L,) numbers of displacements, by number of frames.
         variance: () sum over parts of positions times their median squared sigma.
         rows: () number of positions.
         low: (2,) smallest ground coordinates.
@@ -65,7 +65,7 @@ class Habits(eqx.Module):
         fragments: () number of fragments.
         alike: (3,) number, sum and sum of squares of the logarithms of the appearance distance
             between the halves of a fragment.
-        unlike: (3,) the same between fragments present at the same time.
+        unlike: (3,) the same, between fragments present at the same time.
     """
 
     square: Float[np.ndarray, " lag"]
@@ -86,10 +86,10 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
 
     Args:
         localization: the result of a method.
-        detections: the detections that it was made from; without embeddings only motion is used.
+        detections: the localized detections; without embeddings, only motion is used.
 
     Returns:
-        The same result with joined identities; of two fragments that overlap for a few frames, the
+        The same result with joined identities. Where fragments overlap for a few frames, the
         earlier one ends where the later one begins.
 
     Raises:
@@ -107,7 +107,7 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
 def learn_fragments(
     tracks: Tracks, detections: Detections, shown: Int[np.ndarray, " n"]
 ) -> tuple[Fragments, Habits]:
-    """Collect start, end and appearance of each track, and what the tracks teach.
+    """Collect start, end and appearance of each track, and the habits of the tracks.
 
     Args:
         tracks: positions of one part of a recording, sorted by frame.
@@ -164,7 +164,7 @@ def learn_fragments(
 
 
 def add_habits(parts: Sequence[Habits]) -> Habits:
-    """Combine what the parts of a recording teach.
+    """Add up the habits of the parts of a recording.
 
     Args:
         parts: at least one.
@@ -190,7 +190,7 @@ def add_habits(parts: Sequence[Habits]) -> Habits:
 
 
 def link_fragments(fragments: Fragments, habits: Habits) -> Int[np.ndarray, " k"]:
-    """Find the fragment that continues each one, or -1.
+    """Find the fragment that continues each fragment, or -1 for none.
 
     The log-odds of a link compare "the same person" with "a new person": the likelihood of the
     later start given the earlier end, against the density of starts anywhere, and the similarity of
@@ -198,7 +198,7 @@ def link_fragments(fragments: Fragments, habits: Habits) -> Int[np.ndarray, " k"
 
     Args:
         fragments: the fragments.
-        habits: of their recording.
+        habits: the habits of their recording.
     """
     follower = np.full(len(fragments), -1)
     if len(fragments) < 2:
@@ -248,7 +248,7 @@ def best_assignment(
     Returns:
         The two indices of each chosen pair, in order of the first.
     """
-    # Each index may stay alone instead. One more for every edge changes no choice.
+    # Each index may instead stay alone. Adding one to every edge changes no choice.
     alone = np.arange(count)
     ends = (np.concatenate([one, alone]), np.concatenate([two, count + alone]))
     edges = coo_array((np.concatenate([1 + gain, np.ones(count)]), ends), shape=(count, 2 * count))
@@ -258,11 +258,11 @@ def best_assignment(
 
 
 def join_fragments(tracks: Tracks, fragments: Fragments, follower: Int[np.ndarray, " k"]) -> Tracks:
-    """Give the fragments of each chain one identity, numbered as by `Tracks.renumbered`.
+    """Give the fragments of each chain one identity, numbered as in `Tracks.renumbered`.
 
     Args:
         tracks: the positions.
-        fragments: the fragments that they consist of.
+        fragments: the fragments of the positions.
         follower: (K,) the result of `link_fragments`.
     """
     chain, stop = chains(fragments, follower)
@@ -281,8 +281,8 @@ def chains(
         follower: (K,) the result of `link_fragments`.
 
     Returns:
-        (K,) the first fragment of each fragment's chain, and (K,) the frame before which it ends,
-        because its follower begins there.
+        (K,) first fragment of each fragment's chain, and (K,) the frame before which the fragment
+        ends because its follower begins there.
     """
     chain = np.arange(len(fragments))
     stop = np.full(len(fragments), np.iinfo(np.int64).max)
@@ -305,7 +305,7 @@ def squared_displacement(
     Returns:
         (L,) sums in scene units squared, and (L,) numbers of displacements; entry 0 is unused.
     """
-    longer = len(tracks) + 2  # all lags from here on are counted together, and left out
+    longer = len(tracks) + 2  # longer lags are counted together and left out
     total, count = np.zeros(longer + 1), np.zeros(longer + 1)
     for track in np.unique(tracks.track_id):
         is_member = tracks.track_id == track
@@ -322,10 +322,10 @@ def displacement_variance(habits: Habits) -> Float[np.ndarray, " lag"]:
     """Compute the variance per coordinate of the displacement for each number of frames.
 
     Args:
-        habits: of the recording.
+        habits: the habits of the recording.
 
     Returns:
-        (L,) scene units squared; entry 0 repeats that of one frame.
+        (L,) scene units squared; entry 0 repeats the value for one frame.
     """
     enough = np.flatnonzero(habits.pairs >= LEAST_PAIRS)
     longest = int(enough.max()) if len(enough) else 1
@@ -347,7 +347,7 @@ def _spread_after(
 
 
 def _density(habits: Habits) -> float:
-    """Starts of fragments per frame and squared scene unit."""
+    """Compute the density of starts of fragments per frame and squared scene unit."""
     area = np.prod(np.maximum(habits.high - habits.low, 1e-12))
     return float(habits.fragments / (habits.frames * area))
 
@@ -359,18 +359,18 @@ def _motion_odds(
     habits: Habits,
     spread: Float[np.ndarray, " lag"],
 ) -> Float[np.ndarray, " p"]:
-    """Log-odds of links by the end and start positions."""
+    """Compute the log-odds of links from end and start positions."""
     variance = _spread_after(fragments.first[two] - fragments.last[one], spread)
-    # Tracks break where the person was poorly visible, which sigma quantifies.
+    # Tracks break where the person was hardly visible, as sigma shows.
     variance = variance + fragments.end_sigma[one] ** 2 + fragments.begin_sigma[two] ** 2
     square = ((fragments.begin[two] - fragments.end[one]) ** 2).sum(-1)
-    # A person may be seen again at any time within the longest part.
+    # A person may reappear at any time within the longest part.
     continued = -np.log(2 * np.pi * variance) - square / (2 * variance) - np.log(habits.longest)
     return continued - np.log(_density(habits))
 
 
 def _longest_gap(fragments: Fragments, habits: Habits, spread: Float[np.ndarray, " lag"]) -> int:
-    """Number of frames beyond which no fragment continues another, however alike they look."""
+    """Find the number of frames beyond which no fragments are joined, however alike they look."""
     widest = np.exp(EVIDENCE_LIMIT) / (2 * np.pi * habits.longest * _density(habits))
     if widest <= spread[-1]:
         return int(np.searchsorted(spread, widest))
@@ -380,14 +380,14 @@ def _longest_gap(fragments: Fragments, habits: Habits, spread: Float[np.ndarray,
 def _look_odds(
     fragments: Fragments, one: Int[np.ndarray, " p"], two: Int[np.ndarray, " p"], habits: Habits
 ) -> Float[np.ndarray, " p"]:
-    """Log-odds of links by appearance, linear in the logarithm of the embedding distance."""
+    """Compute the log-odds of links from appearance, linear in the log embedding distance."""
     neutral = np.zeros(len(one))
     if min(habits.alike[0], habits.unlike[0]) < LEAST_PAIRS:
         return neutral
     (same, same_variance), (other, other_variance) = map(
         _mean_and_variance, (habits.alike, habits.unlike)
     )
-    # With one variance for both, the odds decrease monotonically with the distance.
+    # With a common variance, the odds decrease monotonically with the distance.
     slope = (same - other) / max((same_variance + other_variance) / 2, 1e-6)
     if slope >= 0:
         return neutral
@@ -400,7 +400,7 @@ def _look_odds(
 def _look_distances(
     fragments: Fragments, halves: Float[np.ndarray, "k 2 d"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Log distances between the halves of a fragment, and between fragments at the same time."""
+    """Compute log distances between halves of a fragment and between simultaneous fragments."""
     halved = ((halves**2).sum(-1) > 0).all(-1)
     alike = (halves[halved, 0] * halves[halved, 1]).sum(-1)
     known = np.flatnonzero(fragments.boxes > 0)
@@ -424,13 +424,13 @@ def _mean_and_variance(moments: Float[np.ndarray, "3"]) -> tuple[float, float]:
 
 
 def _blocks(count: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " b"]]:
-    """Split indices into runs with a bounded sum of counts."""
+    """Split indices into groups of consecutive ones with a bounded sum of counts."""
     block = np.cumsum(count) // PAIRS_AT_A_TIME
     return np.split(np.arange(len(count)), np.flatnonzero(np.diff(block)) + 1)
 
 
 def _mean_look(embedding: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " d"]:
-    """Normalized median embedding, robust against boxes that also show another person."""
+    """Compute the normalized median embedding, which is robust to boxes with another person."""
     if len(embedding) == 0:
         return np.zeros(embedding.shape[1])
     middle = np.median(embedding.astype(np.float64), axis=0)

@@ -1,1 +1,1 @@
-"""Finding people in the pictures of all cameras, twice, in pieces that later runs reuse."""
+"""Detect people in the pictures of all cameras, in two passes that are cached in pieces."""

@@ -33,8 +33,8 @@ from catfree.types import Detections
 from catfree.types._detections import concatenate_common
 from catfree.types._sampling import rows_of_picture
 
-# Instants per piece. A network on a CPU needs about a minute for six cameras: the most that a kill
-# loses.
+# Instants per piece, the most that a killed run loses: with six cameras, a network on a CPU needs
+# about a minute for a piece.
 PIECE = 20
 
 
@@ -63,11 +63,11 @@ class _Piece:
 
 @dataclass
 class _FirstLook:
-    """Boxes and appearance of the people in the pictures of an instant.
+    """Detect people and compute their appearance in the pictures of an instant.
 
     Attributes:
         describe: computes the embeddings, or None.
-        known: boxes that were found before, by frame.
+        known: boxes found earlier, by frame.
     """
 
     describe: Describer | None
@@ -98,11 +98,11 @@ def detect_with_cache(
 ) -> Detections:
     """Detect as `detect_videos` does, in pieces of a few instants that later runs reuse.
 
-    Boxes and embeddings are cached separately: another embedder does not repeat the detection.
+    Boxes and embeddings are cached separately: a change of the embedder does not repeat detection.
 
     Args:
         videos: the cameras' images, instant by instant.
-        cameras: find people in one image.
+        cameras: the detectors of the cameras.
         embedder: computes their embeddings, or None.
         cache: holds finished pieces, or None.
 
@@ -110,7 +110,7 @@ def detect_with_cache(
         One row per box, sorted by frame and camera.
 
     Raises:
-        InvalidInputError: if detector or embedder have no fingerprint.
+        InvalidInputError: if the detector or embedder has no fingerprint.
         InsufficientDataError: as `detect_videos`.
         FileFormatError: as `detect_videos`.
         WriteError: if a finished piece cannot be stored.
@@ -171,7 +171,7 @@ def _complete(
     videos: SynchronizedVideos,
     cache: StageCache | None,
 ) -> None:
-    """Add what the piece lacks; store it unless the videos ended inside the piece."""
+    """Compute missing results of a piece; store them unless the videos ended inside the piece."""
     if not instants:
         return
     seen = collect_detections(instants, videos)

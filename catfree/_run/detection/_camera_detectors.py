@@ -1,4 +1,4 @@
-"""The detectors of all cameras: fitted once per run, and at work in this process or in several."""
+"""The detectors of all cameras, fitted once per run and run in one or several processes."""
 
 import contextlib
 import multiprocessing
@@ -38,19 +38,19 @@ T = TypeVar("T")
 # A frame and one result per camera that has a picture.
 Instant = tuple[int, dict[int, T]]
 # From the detectors by camera, the frame and the pictures by camera to one result per camera. Each
-# picture is worked on by itself.
+# picture is processed independently.
 InstantWork = Callable[[Mapping[int, Detector], int, Mapping[int, Image]], dict[int, T]]
 
-DETECTION_CODE = ("adapters", "types")  # the packages that decide what is seen in a picture
+DETECTION_CODE = ("adapters", "types")  # packages whose code determines the detections
 CHUNK = 5  # instants per answer of a process
 AHEAD = 2  # chunks that each process may be ahead, so that it never waits
 
 
 class CameraDetectors:
-    """Every camera's detector, fitted when first needed, with which pictures are worked on.
+    """The detectors of all cameras, fitted when first needed, and the work on their pictures.
 
-    With several workers, each is a spawned process that decodes and works on the pictures of its
-    own cameras, until the end of the run: what a detector remembers of its camera stays with it.
+    With several workers, each is a spawned process that decodes and processes the pictures of its
+    own cameras until the end of the run, so a detector's memory of its camera stays in one process.
     """
 
     def __init__(
@@ -62,16 +62,17 @@ class CameraDetectors:
         *,
         workers: int = 1,
     ) -> None:
-        """Start nothing yet.
+        """Store the arguments; no process starts yet.
 
         Args:
             videos: the footage to which detectors are fitted.
             detector: finds people in one picture.
-            cache: holds backgrounds that an earlier run learned.
+            cache: holds backgrounds learned by an earlier run.
             progress: called as progress(stage, done, total), with "fit" or the stage of `instants`.
-            workers: most processes, at most one per camera. This process does all the work if it
-                may not start others, if detector or embedder cannot be pickled, or if the detector
-                is not fitted to cameras: it is then a network, which uses all processors.
+            workers: maximum number of processes, at most one per camera. This process does all the
+                work if it may not start others, if the detector or embedder cannot be pickled, or
+                if the detector is not fitted to cameras: it is then a network, which uses all
+                processors.
         """
         self.detector, self.progress = detector, as_progress(progress)
         self._videos, self._cache = videos, cache
@@ -96,13 +97,13 @@ class CameraDetectors:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """End the processes; after an error at once, whatever they are doing."""
+        """End the processes; after an error immediately, even during work."""
         if kind is not None:
             for child in multiprocessing.active_children():
                 if child.pid in self._started:
                     child.terminate()
         for process in self._processes:
-            # One that still imports would tell that this process has gone.
+            # A process that is still importing would report that its parent is gone.
             process.shutdown(wait=kind is not None, cancel_futures=True)
         self._processes, self._started = [], set()
 
@@ -141,7 +142,7 @@ class CameraDetectors:
     def _fit(
         self, known: Mapping[int, Detector], learned: Callable[[int, Detector], None]
     ) -> list[Detector]:
-        """Fit the cameras that are not known yet."""
+        """Fit the cameras that are not fitted yet."""
         videos, detector, progress = self._videos, self.detector, self.progress
         if self._workers == 1 or not isinstance(detector, FittedToCamera):
             return fit_to_cameras(videos, detector, progress, known=known, learned=learned)
@@ -172,21 +173,21 @@ class CameraDetectors:
         stage: str,
         detect: bool = True,
     ) -> Iterator[Instant[T]]:
-        """Work on the pictures of all instants, in order.
+        """Process the pictures of all instants, in order.
 
         Args:
             videos: the footage, on any clock.
-            work: on one instant; with several workers, on the pictures of one worker's cameras.
+            work: processes one instant; with several workers, the pictures of one worker's cameras.
             first: position of the first instant, as `SynchronizedVideos.pictures_from`.
             stage: the name by which each finished instant is reported.
-            detect: whether the work needs the detectors, which are fitted if need be.
+            detect: whether the work needs the detectors, which are then fitted if necessary.
 
         Yields:
             The frame, and the result of each camera that has a picture.
 
         Raises:
             FileFormatError: as `SynchronizedVideos.pictures_from`.
-            CatFreeError: if the processes cannot be started; and what the work raises.
+            CatFreeError: if the processes cannot be started, or whatever `work` raises.
         """
         if self._workers > 1 and detect and _can_be_sent(work):
             instants = self._in_processes(videos, work, first)
@@ -204,7 +205,7 @@ class CameraDetectors:
         self, videos: SynchronizedVideos, work: InstantWork[T], first: int
     ) -> Iterator[Instant[T]]:
         videos.interruption = None
-        _ = self.fitted  # in the processes
+        _ = self.fitted  # fit them in the processes
         with self._running() as processes, contextlib.ExitStack() as stack:
             begun = [
                 process.submit(
@@ -214,7 +215,7 @@ class CameraDetectors:
             ]
             for one in begun:
                 one.result()
-            # All processes begin before the first answer is waited for.
+            # All processes begin before the first answer is awaited.
             ahead = [
                 deque(process.submit(_next_chunk) for _ in range(AHEAD)) for process in processes
             ]
@@ -225,7 +226,7 @@ class CameraDetectors:
             for done, parts in enumerate(zip(*streams, strict=True), start=first):
                 ends = [part for part in parts if isinstance(part, _End)]
                 if ends:
-                    # As in one process, where pictures are decoded before they are worked on.
+                    # As in one process, where pictures are decoded before they are processed.
                     end = max(ends, key=lambda end: end.is_of_footage)
                     if not end.is_of_footage:
                         raise end.error
@@ -236,7 +237,7 @@ class CameraDetectors:
 
     @contextlib.contextmanager
     def _running(self) -> Iterator[list[SpawnedProcesses]]:
-        """The processes, started if need be; camera c belongs to process c modulo their number."""
+        """Yield the processes, started if needed; camera c uses process c modulo their number."""
         try:
             if not self._processes:
                 self._start()
@@ -264,18 +265,18 @@ class CameraDetectors:
 
 
 def _remembering(detector: Detector) -> Detector:
-    """The detector with a memory of its own, if it has one."""
+    """Return the detector with its own memory, if it can have one."""
     if not isinstance(detector, FittedBackgroundDetector):
         return detector
     return replace(detector, memory=ForegroundMemory(detector.background.compare))
 
 
 class _End(NamedTuple):
-    """What a process says in place of an instant that it could not work on.
+    """Sent by a process instead of an instant that it could not process.
 
     Attributes:
-        error: of the work or the footage.
-        is_of_footage: whether the footage was interrupted there.
+        error: raised by the work or the footage.
+        is_of_footage: whether the footage was interrupted.
     """
 
     error: Any
@@ -295,7 +296,7 @@ def _answers(
             future.cancel()
 
 
-# Filled only in worker processes: the detectors of its cameras, and the instants to work on.
+# Set only in worker processes: the detectors of their cameras and the instants to process.
 _worker: dict[str, Any] = {"detectors": {}}
 
 
@@ -341,13 +342,13 @@ def _next_chunk() -> list[Any]:
 def _can_be_sent(value: Any) -> bool:
     try:
         pickle.dumps(value)
-    except Exception:  # of a class of anybody's
+    except Exception:  # user code may raise any class
         return False
     return True
 
 
 def _sendable(error: Exception) -> Exception:
-    """The error, or its text if the class of somebody else's exception cannot be unpickled."""
+    """Return the error, or its text if its class cannot be unpickled."""
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

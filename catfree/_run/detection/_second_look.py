@@ -1,8 +1,8 @@
 """A second detection pass, guided by where the tracks predict people.
 
-Cameras and tracks predict each person's place in every image. This helps where silhouettes merge:
-other cameras and moments tell the people apart. The detector still reports only what its own image
-shows.
+Tracks and cameras predict each person's place in every image. This helps where silhouettes merge,
+because other cameras and moments tell the people apart. The detector still reports only what its
+own image shows.
 """
 
 from collections.abc import Mapping
@@ -23,9 +23,9 @@ from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Detections, Localization, Scene
 from catfree.types._sampling import rows_of_picture
 
-FEWEST_HEIGHTS = 5  # boxes needed to estimate the height of a single person
-EDGE = 2.0  # pixels: a box closer to the image border is cut
-SAME = 0.01  # pixels: a box that moved less did not change
+FEWEST_HEIGHTS = 5  # fewest boxes to estimate one person's height
+EDGE = 2.0  # pixels: boxes closer to the image border are cut
+SAME = 0.01  # pixels: boxes that moved less are unchanged
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class ExpectedPeople:
     Attributes:
         frame: (K,) frame, in order.
         camera: (K,) camera.
-        place: (K, 3) foot column, foot row and height in pixels; the foot is the sole that the
-            camera sees, nearer than the body's axis.
+        place: (K, 3) foot column, foot row and height in pixels; the foot is the visible sole,
+            which is nearer to the camera than the body's axis.
     """
 
     frame: Int[np.ndarray, " k"]
@@ -55,8 +55,8 @@ def expected_people(
 
     Args:
         localization: the result of a method.
-        detections: the detections that it was made from.
-        scene: the scene that it was made with.
+        detections: the localized detections.
+        scene: the scene of the localization.
 
     Returns:
         People partly or fully inside the image, sorted by frame.
@@ -90,7 +90,7 @@ def look_again(
 
     Args:
         videos: the footage of the first pass.
-        cameras: their detectors, which are all `GuidedDetector`.
+        cameras: their detectors, all of which are `GuidedDetector`.
         embedder: computes appearance embeddings, or None.
         expected: predicted places of people.
         first: detections of the first pass; unchanged boxes keep their embedding.
@@ -112,7 +112,7 @@ def look_again(
 
 @dataclass
 class _SecondLook:
-    """The people in the pictures of an instant and their embeddings, given who is expected.
+    """Detect people in the pictures of an instant and embed them, given who is expected.
 
     Attributes:
         describe: computes the embeddings, or None.
@@ -152,17 +152,17 @@ def track_heights(
 ) -> Float[np.ndarray, " m"]:
     """Estimate the body height for each track position.
 
-    This is the median, over the person's boxes, of the height at which the vertical above the
-    position is closest to the ray through the middle of the upper edge. People with too few uncut
-    boxes get the median of all.
+    This is the median over the person's uncut boxes of the height at which the vertical above the
+    position is closest to the ray through the middle of the upper edge. People with too few such
+    boxes get the median over all people.
 
     Args:
         localization: the result of a method.
-        detections: the detections that it was made from.
-        scene: the scene that it was made with.
+        detections: the localized detections.
+        scene: the scene of the localization.
 
     Returns:
-        (M,) scene units, one value per person; 0 if there is no uncut box at all.
+        (M,) scene units, one value per person; 0 if no box is uncut.
 
     Raises:
         InvalidInputError: if the localization was made from other detections.

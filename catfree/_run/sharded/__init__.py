@@ -1,1 +1,1 @@
-"""Long recordings in shards: cut, localize each on any executor, join by identity."""
+"""Long recordings in shards: cut, localize each on any executor, join the identities."""

@@ -1,4 +1,4 @@
-"""`run_shards`: run a plan on any executor, join each recording, and name what failed."""
+"""`run_shards`: run a plan on any executor, join each recording, and name the failures."""
 
 import contextlib
 import os
@@ -42,28 +42,29 @@ def run_shards(
 
         (day,) = cf.run_shards(cf.shards("boxes.parquet", frame_rate=5), scene=scene, out="day")
 
-    Finished shards are not run again, so that a call that was killed goes on where it stopped;
-    those of an earlier plan are replaced. A recording that fails does not stop the others.
+    Finished shards are not run again, so a killed call resumes where it stopped; shards of an
+    earlier plan are replaced. A recording that fails does not stop the others.
 
     Args:
-        plan: shards of one recording as `shards` returns them, or of several, one after another,
-            told apart by `site` and `date`.
+        plan: shards of one recording, as `shards` returns them, or of several recordings,
+            concatenated and distinguished by `site` and `date`.
         scene: cameras and ground; one for all, or one per site.
         out: folder of the results; a shard with a site and a date goes to `site=.../date=...`.
         settings: of the localization.
-        detector: as `run`, for shards of videos; those of boxes do without.
+        detector: as `run`, for shards of videos; shards of boxes need none.
         embedder: as `run`, for shards of videos.
         executor: a `concurrent.futures.Executor` whose processes are not forked, or a
             `dask.distributed.Client`; it is not shut down. None for spawned processes, one per
-            processor as far as the memory goes. Call from under `if __name__ == "__main__":` then.
+            processor if memory allows; then call from under `if __name__ == "__main__":`.
         progress: called as `progress("shards", done, total)`.
 
     Returns:
         The joined table of each recording, in the order of the plan.
 
     Raises:
-        ShardError: after everything else has finished, naming each recording that failed and why,
-            be it an error of detector or embedder; its attribute `finished` holds the other tables.
+        ShardError: after everything else has finished, naming each failed recording and the reason,
+            including errors of detector or embedder; its attribute `finished` holds the other
+            tables.
         InvalidInputError: if the plan is empty, a site has no scene, or `executor` is not
             an executor.
         ForkedProcessError: if the executor would fork its processes.
@@ -82,7 +83,7 @@ def run_shards(
                 run_shard,
                 shard,
                 scene=scenes[shard.site, shard.date],
-                out=os.path.abspath(as_path(out, "out")),  # workers may be in another folder
+                out=os.path.abspath(as_path(out, "out")),  # workers may run in another folder
                 settings=settings,
                 detector=detector if shard.videos else None,
                 embedder=embedder if shard.videos else None,
@@ -119,7 +120,7 @@ def run_shards(
 def submitted(
     pool: Executor, function: Callable[..., Any], *arguments: Any, **options: Any
 ) -> Future[Any]:
-    """Submit a task; in an executor whose processes died it has failed at once."""
+    """Submit a task, which fails at once if the executor's processes have died."""
     try:
         return pool.submit(function, *arguments, **options)
     except BrokenExecutor as error:
@@ -130,14 +131,14 @@ def submitted(
 
 @contextlib.contextmanager
 def executor_for(executor: Any) -> Iterator[Executor]:
-    """Yield an executor: the given one, that of a Dask client, or one of spawned processes.
+    """Yield the given executor, that of a Dask client, or one of spawned processes.
 
     Args:
         executor: as `run_shards`.
 
     Raises:
-        InvalidInputError: if it is neither.
-        ForkedProcessError: if it would fork its processes.
+        InvalidInputError: if `executor` is neither.
+        ForkedProcessError: if the executor would fork its processes.
     """
     if executor is None:
         with spawned_workers() as pool:
@@ -158,16 +159,16 @@ def spawned_workers(count: int | None = None) -> contextlib.AbstractContextManag
     """Open an executor of spawned processes; see `spawned_pool`.
 
     Args:
-        count: most processes; None for as many as processors and memory allow.
+        count: maximum number of processes; None for as many as processors and memory allow.
 
     Raises:
-        InvalidInputError: if the count is less than 1.
+        InvalidInputError: if `count` is less than 1.
     """
     return spawned_pool(default_workers() if count is None else as_count(count, "workers", least=1))
 
 
 def require_not_forking(executor: Executor) -> None:
-    """Raise if an executor forks its processes, in which JAX would wait forever."""
+    """Raise if an executor forks its processes, in which JAX would hang."""
     context = getattr(executor, "_mp_context", None)
     if context is not None and context.get_start_method() == "fork":
         raise ForkedProcessError(
@@ -177,7 +178,7 @@ def require_not_forking(executor: Executor) -> None:
 
 
 def default_workers() -> int:
-    """Number of worker processes that processors and free memory allow."""
+    """Return the number of worker processes that processors and free memory allow."""
     processors = processor_count()
     try:
         memory = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
@@ -187,7 +188,7 @@ def default_workers() -> int:
 
 
 def error_of(task: Future[Any], name: str) -> CatFreeError | None:
-    """The reason why a task failed in one sentence that names the task, or None.
+    """Return why a task failed, in one sentence that names the task, or None.
 
     Raises:
         BaseException: if the task was told to exit.
@@ -202,7 +203,7 @@ def error_of(task: Future[Any], name: str) -> CatFreeError | None:
             f"{name}: its worker process died; it was killed or ran out of memory, or a script "
             "starts it without `if __name__ == '__main__':`. Run again: finished shards are kept."
         )
-    elif isinstance(error, Exception):  # of a detector or embedder of anybody's
+    elif isinstance(error, Exception):  # user detectors and embedders may raise anything
         reason = CatFreeError(f"{name}: {type(error).__name__}: {error}")
     else:
         raise error

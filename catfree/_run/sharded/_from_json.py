@@ -9,16 +9,16 @@ from catfree.types._validation import options_of
 
 
 def from_json(hint: Any, value: Any, name: str) -> Any:
-    """Convert what `dataclasses.asdict` and JSON made of a value back to its type.
+    """Convert a value from `dataclasses.asdict` and JSON back to its declared type.
 
     Args:
         hint: the type: a dataclass, a tuple, a dictionary, a number or text, or a union of them.
-        value: from the document; fields of dataclasses that have a default may be missing.
-        name: of the value, for messages.
+        value: value from the document; dataclass fields with a default may be missing.
+        name: name of the value for messages.
 
     Raises:
-        KeyError: if a field is missing that has no default.
-        ValueError: if a value does not have its type, or its dataclass refuses it.
+        KeyError: if a field without a default is missing.
+        ValueError: if a value does not have its type or its dataclass rejects it.
     """
     for option in options_of(hint):
         kind, parts = typing.get_origin(option), typing.get_args(option)

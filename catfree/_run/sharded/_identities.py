@@ -16,11 +16,11 @@ Pairs = tuple[Int[np.ndarray, "..."], Int[np.ndarray, "..."]]  # of different le
 
 @dataclass(frozen=True)
 class ShardSummary:
-    """What joining needs to know of a shard's tracks besides their positions.
+    """Everything that joining needs to know about a shard's tracks besides positions.
 
     Attributes:
         fragments: the tracks within the frames that the shard reports.
-        habits: what they teach about motion and appearance.
+        habits: their statistics of motion and appearance.
     """
 
     fragments: Fragments
@@ -29,13 +29,13 @@ class ShardSummary:
 
 @dataclass(frozen=True)
 class Identities:
-    """The identities of the tracks of a shard in the recording.
+    """Identities in the recording of the tracks of a shard.
 
     Attributes:
         local: (K,) identity within the shard, sorted.
-        identity: (K,) person in the recording; people who first appear later have higher numbers,
-            not all of which occur.
-        stop: (K,) frame before which the track ends, because the person goes on as another one.
+        identity: (K,) person in the recording, numbered by first appearance; not every number
+            occurs.
+        stop: (K,) frame before which the track ends, because another track continues the person.
     """
 
     local: Int[np.ndarray, " k"]
@@ -43,7 +43,7 @@ class Identities:
     stop: Int[np.ndarray, " k"]
 
     def of(self, local: Int[np.ndarray, " m"]) -> Pairs:
-        """(M,) identity and (M,) stop of tracks of the shard; each must be known."""
+        """Return (M,) identity and (M,) stop of known tracks of the shard."""
         at = np.searchsorted(self.local, local)
         return self.identity[at], self.stop[at]
 
@@ -51,15 +51,14 @@ class Identities:
 def identify_recording(
     summaries: Sequence[ShardSummary], matched: Sequence[Pairs]
 ) -> list[Identities]:
-    """Join the tracks of all shards by their matches, then by looks and motion across gaps.
+    """Join the tracks of all shards by their matches, then across gaps by appearance and motion.
 
     Args:
-        summaries: of the shards, in order of time.
-        matched: for each shard but the last, the identities in it and in the next one of the pairs
-            that are one person.
+        summaries: one per shard, in order of time.
+        matched: for each shard but the last, the matched identities in the shard and in the next.
 
     Returns:
-        The identities of each shard.
+        One per shard.
     """
     fragments = [summary.fragments for summary in summaries]
     count = [len(part) for part in fragments]
@@ -68,7 +67,7 @@ def identify_recording(
     paired = [np.zeros((2, 0), np.int64)]
     for index, pairs in enumerate(matched):
         known = [fragments[index + at].identity for at in (0, 1)]
-        # A track that only the overlap has is not reported by its shard.
+        # A track only in the overlap is not reported by its shard.
         both = np.isin(pairs[0], known[0]) & np.isin(pairs[1], known[1])
         rows = [np.searchsorted(known[at], pairs[at][both]) for at in (0, 1)]
         paired.append(begin[[index, index + 1], None] + np.array(rows))
@@ -85,7 +84,7 @@ def identify_recording(
 
 
 def _merge(table: Fragments, person: Int[np.ndarray, " k"]) -> Fragments:
-    """One fragment per person from the fragments of several shards."""
+    """Merge the fragments of several shards into one fragment per person."""
     names = np.unique(person)
     earliest = np.lexsort((table.first, person))
     latest = np.lexsort((table.last, person))
@@ -110,9 +109,9 @@ def _merge(table: Fragments, person: Int[np.ndarray, " k"]) -> Fragments:
 
 
 def _concatenate(fragments: Sequence[Fragments]) -> Fragments:
-    """The fragments of all shards in one table."""
+    """Concatenate the fragments of all shards."""
     width = max(part.looks.shape[1] for part in fragments)
-    # Without any box, a shard does not know how long an embedding is.
+    # A shard without boxes does not know the length of an embedding.
     parts = [
         part if part.looks.shape[1] == width else replace(part, looks=np.zeros((len(part), width)))
         for part in fragments

@@ -1,4 +1,4 @@
-"""`join`: one table of the whole recording from the tables of its shards."""
+"""`join`: join the tables of shards into one table of the recording."""
 
 import functools
 import itertools
@@ -52,26 +52,26 @@ from catfree.types import Tracks
 if TYPE_CHECKING:
     import pyarrow
 
-# From the columns `PLACES` to whether each position is in the working area.
+# Maps the columns `PLACES` to whether each position is in the working area.
 Area = Callable[[Float[np.ndarray, "m 2"]], Bool[np.ndarray, " m"]]
 
-INSTANTS = 20_000  # at most, to learn the working area from: an hour at five per second
+INSTANTS = 20_000  # maximum used to learn the working area: an hour at five per second
 
 
 def join(out: StrPath) -> Tracks:
     """Join the finished shards of a recording into one table and read it.
 
     Args:
-        out: the folder of the recording that the shards were written to.
+        out: folder of the recording, to which the shards were written.
 
     Returns:
-        The tracks of the whole recording, without `support`, which the table does not have. For
+        The tracks of the whole recording, without `support`, which the table lacks. For
         recordings that do not fit into memory, use `run_shards` and `open_tracks`.
 
     Raises:
         InvalidInputError: if there is no finished shard.
-        FileFormatError: naming the shard that is missing, damaged, of another version, or made
-            with other settings, code, scene or plan than the rest.
+        FileFormatError: naming the shard that is missing, damaged, of another version, or made with
+            different settings, code, scene or plan.
         WriteError: if the disk is full or not writable.
     """
     return join_shards(out).read()
@@ -81,12 +81,12 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
     """Join as `join` does, with at most one shard in memory.
 
     Each person gets one identity: tracks of neighboring shards are matched where the shards
-    overlap, then fragments are joined across gaps by looks and motion, over all shards.
+    overlap, then fragments are joined across gaps by appearance and motion, over all shards.
 
     Args:
         out: as `join`.
-        plan: shards of the recording, whose neighbors may have run elsewhere; None for those of
-            the plan in the folder, if there is one.
+        plan: shards of the recording, some of which may have run elsewhere; None for the plan in
+            the folder, if there is one.
 
     Returns:
         The joined table.
@@ -104,7 +104,7 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
     receipts = read_receipts(folder)
     first = receipts[0]
     _, camera_names = read_scene_json(require_scene_file(folder, first.scene_file))
-    (folder / MANIFEST).unlink(missing_ok=True)  # it says that the table is complete
+    (folder / MANIFEST).unlink(missing_ok=True)  # its presence means that the table is complete
     summaries = [load_value(files_of(folder, r.index).fragments, ShardSummary) for r in receipts]
     matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]
     identities = identify_recording(summaries, matched)
@@ -135,10 +135,10 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
 
 
 def _leave_earlier_plan(folder: Path, plan: Sequence[Shard], advice: str = "") -> None:
-    """Remove the shards of an earlier plan once all those of this plan are finished.
+    """Remove the shards of an earlier plan once all shards of this plan are finished.
 
     Raises:
-        FileFormatError: if they are not, or a receipt is damaged.
+        FileFormatError: if some are not finished, or a receipt is damaged.
     """
     receipts = [files_of(folder, shard.index).receipt for shard in plan]
     finished = {read_receipt(path).shard for path in receipts if path.is_file()}
@@ -162,11 +162,11 @@ def read_receipts(folder: Path) -> list[Receipt]:
     """Read the receipts of all shards of a recording, and check that they belong together.
 
     Args:
-        folder: of the recording.
+        folder: folder of the recording.
 
     Raises:
         InvalidInputError: if there is no receipt.
-        FileFormatError: naming the shard that is missing, damaged, or does not fit the rest.
+        FileFormatError: naming the shard that is missing, damaged, or inconsistent with the rest.
     """
     paths = sorted((folder / WORK_FOLDER).glob("part-*.json"))
     if not paths:
@@ -201,7 +201,7 @@ def read_receipts(folder: Path) -> list[Receipt]:
 
 
 def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
-    """Match two neighboring shards in the frames that both saw."""
+    """Match two neighboring shards in the frames of both."""
     one, two = (
         Tracks.from_arrow(_rows(folder, receipt, later.first_seen, earlier.stop_seen))
         for receipt in (earlier, later)
@@ -212,7 +212,7 @@ def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
 def _rows(
     folder: Path, receipt: Receipt, first: int, stop: int, names: list[str] | None = None
 ) -> "pyarrow.Table":
-    """Read a shard's table for the frames from `first` to before `stop`, or columns of it."""
+    """Read a shard's table, or some columns, for the frames from `first` to before `stop`."""
     opened = open_dataset([str(files_of(folder, receipt.index).part)])
     import pyarrow.dataset
 
@@ -221,10 +221,10 @@ def _rows(
 
 
 def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
-    """Learn the working area from the places where people are at instants all over the recording.
+    """Learn the working area from the positions at instants spread over the recording.
 
     Returns:
-        None if the working area is switched off, or the method knows none.
+        None if the working area is switched off, or the method has none.
     """
     settings = from_json(Settings, receipts[0].settings, "settings").evidence
     heights = [receipt.person_height for receipt in receipts if receipt.person_height is not None]
@@ -235,7 +235,7 @@ def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
     for receipt in receipts:
         table = _rows(folder, receipt, receipt.first, receipt.stop, ["frame", *kinds])
         column = {name: table[name].to_numpy() for name in table.column_names}
-        # The first frame with anybody in each stretch of `every` frames.
+        # The first frame with people in each stretch of `every` frames.
         present = np.unique(column["frame"])
         stretch, first = np.unique(present // every, return_index=True)
         chosen = np.isin(column["frame"], present[first[stretch > last]])
@@ -258,16 +258,16 @@ def _write_joined(
     numbers: np.ndarray,
     camera_names: Sequence[str],
 ) -> StoredPart:
-    """Write the positions that a shard reports with their identities in the recording.
+    """Write the positions that a shard reports, with their identities in the recording.
 
     Args:
-        folder: of the recording.
-        receipt: of the shard, whose predecessors have been written.
-        identities: of its tracks.
-        area: outside of which nobody is reported, or None.
-        numbers: (K,) number of each identity in the table, -1 before it appears; those that appear
-            in this shard are written to it.
-        camera_names: (C,) for the metadata.
+        folder: folder of the recording.
+        receipt: receipt of the shard, whose predecessors have been written.
+        identities: identities of its tracks.
+        area: positions outside are not reported; None for all positions.
+        numbers: (K,) number of each identity in the table, -1 before its first appearance; numbers
+            of identities that first appear in this shard are entered.
+        camera_names: (C,) names for the metadata.
     """
     files = files_of(folder, receipt.index)
     table = read_parquet(files.part, "positions of a shard")

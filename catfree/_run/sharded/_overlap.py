@@ -1,4 +1,4 @@
-"""Match the tracks of two neighboring shards in the frames that both of them saw."""
+"""Match the tracks of two neighboring shards in the frames of both."""
 
 import math
 
@@ -9,8 +9,8 @@ from catfree._run._stitch import best_assignment
 from catfree.types import Tracks
 from catfree.types._sampling import equal_pairs
 
-# Two positions of one person rest on the same boxes: they are closer than this in all but one of a
-# thousand frames.
+# Two positions of one person rest on the same boxes, so they are closer than this in all but one of
+# a thousand frames.
 GATE = -2 * math.log(0.001)
 
 
@@ -19,15 +19,15 @@ def match_tracks(
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
     """Find the pairs of tracks that are one person.
 
-    The gain of a pair is summed over the frames that both have: how much smaller the squared
-    Mahalanobis distance is than the gate. A one-to-one assignment maximizes the sum of gains.
+    The gain of a pair sums, over the frames of both tracks, by how much the squared Mahalanobis
+    distance is smaller than the gate. A one-to-one assignment maximizes the sum of gains.
 
     Args:
-        earlier: positions of the earlier shard in the frames that both saw.
-        later: those of the later one.
+        earlier: positions of the earlier shard in the frames of both.
+        later: positions of the later shard.
 
     Returns:
-        The identities of each pair in either shard, in order of the first.
+        The identities of each pair in the two shards, in order of the first.
     """
     earlier, later = (tracks[tracks.track_id >= 0] for tracks in (earlier, later))
     i, j = equal_pairs(earlier.frame, later.frame)
@@ -40,7 +40,7 @@ def match_tracks(
     names, a = np.unique(earlier.track_id, return_inverse=True)
     others, b = np.unique(later.track_id, return_inverse=True)
     total = np.zeros((len(names), len(others)))
-    # One frame far apart, as after an exchange, outweighs at most one frame together.
+    # One frame far apart, as after an identity switch, outweighs at most one frame together.
     np.add.at(total, (a[i], b[j]), np.maximum(gain, -GATE))
     one, two = np.nonzero(total > 0)
     before, after = best_assignment(one, two, total[one, two], max(total.shape))

@@ -1,4 +1,4 @@
-"""A plan as a file, for engines that start one process per shard."""
+"""A plan as a file, for systems that start one process per shard."""
 
 import dataclasses
 import json
@@ -20,10 +20,10 @@ _SCHEMA = "catfree plan 1"
 
 @dataclass(frozen=True)
 class PlanFile:
-    """Shards and what is needed to run them, all by path.
+    """Shards and everything needed to run them, as paths.
 
     Attributes:
-        shards: of one recording.
+        shards: shards of one recording.
         scene: path of the scene.
         out: folder of the results.
         method: "default", "paper" or "evidence".
@@ -45,7 +45,7 @@ def write_plan(path: StrPath, plan: PlanFile) -> Path:
     """Write a plan as JSON.
 
     Raises:
-        InvalidInputError: if a shard holds its boxes in memory: save them to a file first; or if
+        InvalidInputError: if a shard holds its boxes in memory (save them to a file first), or if
             the folder has finished shards of a plan with another scene, method or networks.
         WriteError: if the disk is full or not writable.
     """
@@ -60,7 +60,7 @@ def write_plan(path: StrPath, plan: PlanFile) -> Path:
 
 
 def _require_same_run(path: Path, plan: PlanFile) -> None:
-    """Raise if finished shards beside the path are of a plan that differs in more than shards."""
+    """Raise if finished shards next to the path differ from the plan in more than the shards."""
     if not any(path.parent.glob("part-*.json")):
         return
     try:
@@ -92,10 +92,10 @@ def read_plan(path: StrPath) -> PlanFile:
 
 
 def shard_at(plan: Sequence[Shard], index: int) -> Shard:
-    """The shard of a plan with this index.
+    """Return the shard of a plan with this index.
 
     Raises:
-        InvalidInputError: if there is none.
+        InvalidInputError: if there is no such shard.
     """
     if not 0 <= index < len(plan):
         raise InvalidInputError(

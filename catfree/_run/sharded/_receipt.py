@@ -1,4 +1,4 @@
-"""Receipts: which shard is finished, with which input, settings, scene and code."""
+"""Receipts of finished shards, with fingerprints of input, settings, scene and code."""
 
 import dataclasses
 import json
@@ -15,44 +15,44 @@ from catfree.settings import Settings
 from catfree.types import Clock
 from catfree.types._validation import as_number, as_path
 
-SCHEMA = "catfree shards 3"  # of receipts and the tables beside them
-MANIFEST_SCHEMA = "catfree shards 1"  # of joined tables
-WORK_FOLDER = "_shards"  # readers of Parquet folders leave out names that begin with an underscore
+SCHEMA = "catfree shards 3"  # for receipts and the tables beside them
+MANIFEST_SCHEMA = "catfree shards 1"  # for joined tables
+WORK_FOLDER = "_shards"  # readers of Parquet folders skip names that begin with an underscore
 SCENE_FILE, MANIFEST = f"{WORK_FOLDER}/scene.json", f"{WORK_FOLDER}/manifest.json"
-PLAN = f"{WORK_FOLDER}/plan.json"  # of `catfree plan`
+PLAN = f"{WORK_FOLDER}/plan.json"  # written by `catfree plan`
 
 
 @dataclass(frozen=True)
 class Receipt:
-    """A finished shard.
+    """Record of a finished shard.
 
     Attributes:
         schema: version of this format.
-        index: of the shard.
+        index: index of the shard.
         count: number of shards of its recording.
-        first: first frame whose positions it reports.
-        stop: frame after the last one.
-        first_seen: first frame that it looked at.
-        stop_seen: frame after the last one that it looked at.
+        first: first frame whose positions the shard reports.
+        stop: frame after the last reported one.
+        first_seen: first frame that the shard uses.
+        stop_seen: frame after the last used one.
         shard: fingerprint of the shard.
         source: fingerprint of the recording.
         run: fingerprint of settings, scene, detector, embedder and code, the same for all shards
             of a recording.
-        settings: of the localization.
+        settings: settings of the localization.
         clock: time of the frames, as the arguments of `Clock`.
         scene_file: SHA-256 of the scene's file beside the receipt.
         part: SHA-256 of the table of positions.
         fragments: SHA-256 of the summary of its tracks.
-        boxes: number of boxes it looked at.
-        cameras: those that have any boxes.
-        boxes_used: share of the boxes that support a position: how well they fit the scene. Like
-            the next two, it counts people outside the working area, too.
-        expected_moda: label-free expectation of MODA in percent, or None.
-        median_sigma: median uncertainty of the positions in scene units, or None without any.
+        boxes: number of boxes used.
+        cameras: cameras with boxes.
+        boxes_used: share of the boxes that support a position, a measure of how well they fit the
+            scene. Like the next two, it includes people outside the working area.
+        expected_moda: expected MODA in percent, without labels, or None.
+        median_sigma: median uncertainty of the positions in scene units, or None without positions.
         person_height: usual height of a standing person in scene units, or None if unknown.
-        seconds: of computing time.
-        warnings: sentences about the input, and about cameras that moved, are late or dead.
-        verdicts: of `check` on each camera; empty if there were too few boxes.
+        seconds: computing time.
+        warnings: sentences about the input, and about cameras that moved, are late or are dead.
+        verdicts: verdicts of `check` on each camera; empty if there are too few boxes.
     """
 
     schema: str
@@ -86,7 +86,7 @@ class ShardFiles:
     """The files of one shard.
 
     Attributes:
-        part: table of positions, with those of the overlaps.
+        part: table of positions, including those in the overlaps.
         fragments: summary of its tracks.
         receipt: written last.
     """
@@ -97,7 +97,7 @@ class ShardFiles:
 
 
 def recording_folder(out: StrPath, site: str, date: str) -> Path:
-    """The folder of one recording: `out`, or `out/site=.../date=...` as Hive names them."""
+    """Return the folder of one recording: `out`, or `out/site=.../date=...` as named by Hive."""
     folder = as_path(out, "out")
     for key, value in (("site", site), ("date", date)):
         folder = folder / f"{key}={value}" if value else folder
@@ -105,13 +105,13 @@ def recording_folder(out: StrPath, site: str, date: str) -> Path:
 
 
 def files_of(folder: Path, index: int) -> ShardFiles:
-    """The files of a shard in the folder of its recording."""
+    """Return the files of a shard in the folder of its recording."""
     work, name = folder / WORK_FOLDER, f"part-{index:05d}"
     return ShardFiles(*(work / f"{name}.{suffix}" for suffix in ("parquet", "npz", "json")))
 
 
 def remove_beyond(folder: Path, count: int) -> None:
-    """Remove the shards of an earlier plan of more shards: those from index `count` on."""
+    """Remove shards of a longer earlier plan: those with an index of at least `count`."""
     kept = {path for index in range(count) for path in vars(files_of(folder, index)).values()}
     for path in (folder / WORK_FOLDER).glob("part-*"):
         if path not in kept:
@@ -119,7 +119,7 @@ def remove_beyond(folder: Path, count: int) -> None:
 
 
 def finished_receipt(files: ShardFiles, shard: Shard, run: str) -> Receipt | None:
-    """Return the receipt of a shard if it matches, and its files are what the receipt says."""
+    """Return the receipt of a shard if it matches and describes the shard's files."""
     try:
         receipt = read_receipt(files.receipt)
         if receipt.shard == shard.fingerprint and receipt.run == run:
@@ -131,7 +131,7 @@ def finished_receipt(files: ShardFiles, shard: Shard, run: str) -> Receipt | Non
 
 
 def require_intact(files: ShardFiles, receipt: Receipt) -> None:
-    """Raise unless the files of a shard are those that its receipt describes.
+    """Raise unless the files of a shard match its receipt.
 
     Raises:
         FileFormatError: naming the file.
@@ -141,10 +141,10 @@ def require_intact(files: ShardFiles, receipt: Receipt) -> None:
 
 
 def require_hash(path: Path, sha256: str, advice: str) -> None:
-    """Raise unless a file is there as it was written.
+    """Raise unless a file exists as it was written.
 
     Raises:
-        FileFormatError: naming the file, with the advice.
+        FileFormatError: naming the file and ending with the advice.
     """
     if not path.is_file():
         raise FileFormatError(f"{path} is missing. {advice}")
@@ -153,14 +153,14 @@ def require_hash(path: Path, sha256: str, advice: str) -> None:
 
 
 def require_scene_file(folder: Path, sha256: Any) -> Path:
-    """Return the file of the scene that the shards of a recording were made with.
+    """Return the scene file that the shards of a recording were made with.
 
     Args:
-        folder: of the recording.
-        sha256: of the file.
+        folder: folder of the recording.
+        sha256: hash of the file.
 
     Raises:
-        FileFormatError: if it is missing, or is another file.
+        FileFormatError: if the file is missing or has another hash.
     """
     path = folder / SCENE_FILE
     if not path.is_file() or hash_file(path) != sha256:

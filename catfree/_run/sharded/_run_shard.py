@@ -51,7 +51,7 @@ from catfree.types.results._arrow_table import require_pyarrow
 if TYPE_CHECKING:
     import pyarrow
 
-PLACES = ("design_sigma", "whole_views")  # columns that the joined table does not have
+PLACES = ("design_sigma", "whole_views")  # columns that the joined table lacks
 
 
 def run_shard(
@@ -65,12 +65,12 @@ def run_shard(
 ) -> Receipt:
     """Localize the people of one shard, unless it is already finished.
 
-    Shards may run in any order, at the same time and more than once. The receipt is written last:
-    a shard that was killed has none and runs again.
+    Shards may run in any order, concurrently and repeatedly. The receipt is written last, so a
+    killed shard has none and runs again.
 
     Args:
         shard: one of those that `shards` returned.
-        scene: cameras and ground, the same for all shards of the recording.
+        scene: cameras and ground, the same for all shards of a recording.
         out: folder of the results; the shard writes to `_shards` in it, or in
             `site=.../date=...` if it has a site and a date.
         settings: of the localization.
@@ -89,7 +89,7 @@ def run_shard(
         MissingDependencyError: if pyarrow is not installed.
     """
     require_own_process()
-    require_pyarrow()  # which writes what takes long to compute
+    require_pyarrow()  # fail before the long computation
     require_instance(shard, Shard, "shard")
     require_scene(scene)
     settings = Settings() if settings is None else settings
@@ -107,7 +107,7 @@ def run_shard(
     names = names_of_files(list(map(Path, shard.videos))) or shard.camera_names or None
     scene_file = _write_scene(folder, scene, names)
     begin = time.perf_counter()
-    # The working area is relative to all places of the recording, so joining decides on it.
+    # The working area is relative to all positions of the recording, so joining decides on it.
     wide = everywhere(settings)
     if shard.videos:
         detections, localization = _from_videos(shard, scene, wide, detector, embedder)
@@ -137,23 +137,23 @@ def write_shard(
     seconds: float,
     verdicts: tuple[str, ...] = (),
 ) -> Receipt:
-    """Write positions and summary of a shard, and its receipt last.
+    """Write positions, summary and, last, the receipt of a shard.
 
     Args:
-        files: where.
-        shard: which.
-        detections: all boxes that it looked at.
-        localization: what they show.
-        settings: of the localization.
+        files: paths of the files.
+        shard: the shard.
+        detections: all boxes that the shard uses.
+        localization: result for the boxes.
+        settings: settings of the localization.
         run: the result of `run_fingerprint`.
         scene_file: SHA-256 of the scene's file.
-        seconds: that the localization took.
-        verdicts: on each camera.
+        seconds: duration of the localization.
+        verdicts: verdict on each camera.
 
     Raises:
         WriteError: if the disk is full or not writable.
     """
-    files.receipt.unlink(missing_ok=True)  # of an earlier run, whose files are replaced now
+    files.receipt.unlink(missing_ok=True)  # of an earlier run, whose files are about to be replaced
     tracks, reliability = localization.tracks, localization.reliability
     write_parquet(files.part, with_places(tracks))
     reported = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
@@ -191,7 +191,7 @@ def write_shard(
 
 
 def with_places(tracks: Tracks) -> "pyarrow.Table":
-    """Make the table of tracks, with how well the rig sees people at each position (`PLACES`)."""
+    """Make a table of tracks that includes how well the rig sees people there (`PLACES`)."""
     arrow = require_pyarrow()
     table = tracks.to_arrow()
     for name in PLACES:
@@ -209,7 +209,7 @@ def run_fingerprint(
     detector: Any = None,
     embedder: Any = None,
 ) -> str:
-    """Hash of what all shards share: scene, settings, networks and code."""
+    """Hash everything that all shards share: scene, settings, networks and code."""
     return content_key("run", scene=scene, settings=settings, detector=detector, embedder=embedder)
 
 
@@ -220,7 +220,7 @@ def _verdicts(
     settings: Settings,
     camera_names: Sequence[str] | None,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Verdicts on the cameras, and sentences about those that are moved, late or dead."""
+    """Return verdicts on the cameras, and sentences on those that are moved, late or dead."""
     try:
         checked = check(
             scene, detections, settings=settings, localization=localization,
@@ -247,7 +247,7 @@ def _from_videos(
     try:
         videos = open_shard_videos(shard)
         outcome = run_stages(videos, detector, embedder, scene=scene, settings=settings)
-    except InsufficientDataError as error:  # as while a camera was down
+    except InsufficientDataError as error:  # for instance while a camera was down
         nobody = Detections([], [], np.zeros((0, 4)), clock=shard.clock)
         empty = localize_people(nobody, scene, settings)
         return nobody, dataclasses.replace(empty, warnings=(str(error),))
@@ -255,7 +255,7 @@ def _from_videos(
 
 
 def _write_scene(folder: Path, scene: Scene, camera_names: Sequence[str] | None) -> str:
-    """Write the scene beside the receipts, with the names of its cameras; return its SHA-256.
+    """Write the scene and camera names beside the receipts; return the SHA-256 of the file.
 
     Raises:
         InvalidInputError: if the folder holds shards of another scene.
@@ -276,7 +276,7 @@ def _write_scene(folder: Path, scene: Scene, camera_names: Sequence[str] | None)
 
 
 def _person_height(localization: Localization, settings: Settings) -> float | None:
-    """H0 of the evidence method, in scene units."""
+    """Return H0 of the evidence method, in scene units."""
     reliability = localization.reliability
     if localization.tracks.design_sigma is None or not reliability.sigma_over_radius > 0:
         return None

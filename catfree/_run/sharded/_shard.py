@@ -1,4 +1,4 @@
-"""`shards`: cut a recording into stretches of time that overlap."""
+"""`shards`: cut a recording into overlapping stretches of time."""
 
 import itertools
 import math
@@ -31,7 +31,7 @@ MOST_SHARDS = 1_000_000
 
 
 def recording_name(site: str, date: str) -> str:
-    """Return site and date of a recording, if it has them, for messages."""
+    """Describe site and date of a recording, if any, for messages."""
     return f"{site} {date}".strip()
 
 
@@ -44,20 +44,20 @@ class Shard:
         count: number of shards of the recording.
         first: first frame whose positions the shard reports.
         stop: frame after the last one.
-        first_seen: first frame that it uses, earlier than `first` by half the overlap.
-        stop_seen: frame after the last one that it uses.
+        first_seen: first frame that the shard uses, earlier than `first` by half the overlap.
+        stop_seen: frame after the last used one.
         clock: time of the frames.
         source: fingerprint of the recording.
         videos: one video file or image folder per camera; empty if the shard comes from boxes.
-        offsets: (C,) as `SynchronizedVideos` takes them, or None.
-        detections: the boxes of the frames that it uses, or the path of a saved file or of a
-            Parquet table; None if the shard comes from videos.
+        offsets: (C,) as for `SynchronizedVideos`, or None.
+        detections: the boxes of the used frames, or the path of a saved file or Parquet table; None
+            if the shard comes from videos.
         site: name of the site, empty if there is only one.
         date: of the recording, empty if there is only one.
-        silent: camera, first frame and the frame after the last of each stretch of missing
+        silent: camera, first frame and frame after the last one of each stretch of missing
             pictures.
-        camera_names: names of the cameras of boxes for warnings, empty if unknown; those of videos
-            are named by their files.
+        camera_names: names of the cameras of boxes for warnings, empty if unknown; cameras of
+            videos are named by their files.
     """
 
     index: int
@@ -78,13 +78,13 @@ class Shard:
 
     @property
     def name(self) -> str:
-        """For messages: `shard 17 of 144`, with site and date if there are any."""
+        """Name for messages: `shard 17 of 144`, with site and date if there are any."""
         where = recording_name(self.site, self.date)
         return f"shard {self.index} of {self.count}" + (f" ({where})" if where else "")
 
     @property
     def fingerprint(self) -> str:
-        """Hash of what the shard uses and reports."""
+        """Hash of the input and the reported frames of the shard."""
         return hash_parameters(
             "Shard",
             self.source,
@@ -117,20 +117,19 @@ def shards(
 
     Args:
         recording: one video file or image folder per camera; or the boxes of all cameras, as
-            `Detections`, as the path of a file that `Detections.save` wrote, or as the path of a
-            Parquet table (a file, or a folder of files). Use Parquet for long recordings: a shard
-            then reads its own rows only.
+            `Detections`, the path of a file that `Detections.save` wrote, or the path of a Parquet
+            table (a file, or a folder of files). Use Parquet for long recordings: each shard then
+            reads only its own rows.
         every: seconds per shard.
-        overlap: seconds that two neighboring shards share, half of it on either side of the cut;
+        overlap: seconds that two neighboring shards share, half of it on each side of the cut;
             identities are matched there.
-        frame_rate: frames per second; None for that of the videos or of the detections' clock.
+        frame_rate: frames per second; None for the rate of the videos or of the detections' clock.
         offsets: as `SynchronizedVideos`, for videos.
-        silent: (K, 2) frame and camera of missing pictures, as for `localize`, for boxes;
-            for videos they are known.
+        silent: (K, 2) frame and camera of missing pictures, as for `localize`, for boxes only.
         site: name of the site if the plan holds shards of several.
         date: of the recording if the plan holds shards of several.
-        camera_names: (C,) names of the scene's cameras for warnings about boxes, which give numbers
-            without them; cameras of videos are named by their files.
+        camera_names: (C,) names of the scene's cameras for warnings about boxes; without them,
+            warnings give numbers. Cameras of videos are named by their files.
 
     Returns:
         The shards in order of time. The last one is up to one and a half times as long as the
@@ -163,7 +162,7 @@ def shards(
     cuts = [whole.first + index * length for index in range(count)] + [whole.stop]
     plan = []
     for index, (first, stop) in enumerate(itertools.pairwise(cuts)):
-        # At the ends of the recording there is nothing to look at beyond it.
+        # The ends of the recording have nothing beyond them to overlap with.
         span = (max(first - margin, whole.first), min(stop + margin, whole.stop))
         rows = missing[(missing[:, 0] >= span[0]) & (missing[:, 0] < span[1])]
         boxes = whole.detections
@@ -268,7 +267,7 @@ def boxes_of_shard(shard: Shard) -> Detections:
 
 
 def silent_pictures(shard: Shard) -> Int[np.ndarray, "k 2"]:
-    """(K, 2) frame and camera of the missing pictures of a shard of boxes."""
+    """Return (K, 2) frame and camera of the missing pictures of a shard of boxes."""
     rows = [
         np.column_stack([np.arange(first, stop), np.full(stop - first, camera)])
         for camera, first, stop in shard.silent
@@ -277,7 +276,7 @@ def silent_pictures(shard: Shard) -> Int[np.ndarray, "k 2"]:
 
 
 def _missing_pictures(silent: Any, whole: Shard) -> Int[np.ndarray, "k 2"]:
-    """(K, 2) frame and camera, without repetitions.
+    """Return (K, 2) frame and camera, without duplicates.
 
     Raises:
         InvalidInputError: if the rows are not pairs of integers, or the recording consists of
@@ -292,7 +291,7 @@ def _missing_pictures(silent: Any, whole: Shard) -> Int[np.ndarray, "k 2"]:
 
 
 def _stretches(rows: Int[np.ndarray, "k 2"]) -> tuple[tuple[int, int, int], ...]:
-    """Camera, first frame and frame after the last of consecutive frames."""
+    """Return camera, first frame and frame after the last of each run of consecutive frames."""
     stretches = []
     for camera in np.unique(rows[:, 1]).tolist():
         frames = np.sort(rows[rows[:, 1] == camera, 0])
@@ -307,7 +306,7 @@ def open_shard_videos(shard: Shard) -> SynchronizedVideos:
     Raises:
         InvalidInputError: if a file does not exist or has changed since the plan was made.
         FileFormatError: if a file cannot be decoded.
-        InsufficientDataError: if no instant is in two videos.
+        InsufficientDataError: if no two videos share an instant.
     """
     require_unchanged(shard)
     whole = _open(shard.videos, shard.offsets, shard.clock.frame_rate, shard.source)
@@ -318,7 +317,7 @@ def open_shard_videos(shard: Shard) -> SynchronizedVideos:
 def _open(
     paths: tuple[str, ...], offsets: tuple[int, ...] | None, frame_rate: float, source: str
 ) -> SynchronizedVideos:
-    """Open the videos of a recording once per process: this reads the times of all frames."""
+    """Open the videos of a recording once per process, as this reads the times of all frames."""
     return open_recording(paths, frame_rate, offsets)
 
 
@@ -338,14 +337,14 @@ def require_unchanged(shard: Shard) -> None:
 
 
 def _hash_of_recording(recording: StrPath | tuple[str, ...]) -> str:
-    """Hash of the parts of a file of boxes, or of one video per camera, that reveal a change."""
+    """Hash the parts of a file of boxes, or of each video, that reveal a change."""
     if isinstance(recording, tuple):
         return hash_parameters("videos", *map(hash_samples, recording))
     return hash_samples(recording)
 
 
 def require_folder_name(value: str, name: str) -> None:
-    """Raise unless a text can be part of a folder's name.
+    """Raise unless a text can be part of a folder name.
 
     Raises:
         InvalidInputError: naming the argument.

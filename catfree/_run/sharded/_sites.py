@@ -59,12 +59,12 @@ from catfree.types._annotations import Progress, as_progress
 from catfree.types._validation import as_instances, as_number, as_path, as_pictures
 from catfree.types._writing import make_folder
 
-MOST_TRIES = 4  # stretches of a recording from which its cameras may be found
+MOST_TRIES = 4  # stretches of a recording to try for calibration
 CALIBRATION_SECONDS = 300.0
-_LARGEST_LIST = 2**20  # characters; a recording takes a few hundred
-_MOST_DOTS = 16  # per line: a recording has a frame rate
+_LARGEST_LIST = 2**20  # characters; one recording needs a few hundred
+_MOST_DOTS = 16  # per line: one recording needs one, in the frame rate
 
-# By key, from what TOML holds and its name for messages to the value.
+# For each key, converts a TOML value, given its name for messages.
 Readers = dict[str, Callable[[Any, str], Any]]
 
 
@@ -73,7 +73,7 @@ class Site:
     """A recording of one site.
 
     Attributes:
-        name: of the site, for the folder `site=NAME`.
+        name: name of the site, for the folder `site=NAME`.
         recording: one video file or image folder per camera, or the path of saved boxes.
         date: of the recording, for the folder `date=DATE`; empty for none.
         scene: known cameras and ground, or their file; None to find them from the people.
@@ -82,9 +82,8 @@ class Site:
         frame_rate: frames per second of saved boxes, or of images without times.
         anchors: independent measurements of the site if its cameras are found from the people, as
             for `calibrate`, or a JSON file for `read_anchors`.
-        silent: frame and camera number of missing pictures, where the recording is saved
-            boxes, or a CSV or Parquet table with these columns, which may name the cameras of
-            the scene.
+        silent: for saved boxes, frame and camera number of missing pictures, or a CSV or Parquet
+            table with these columns, in which cameras may be named as in the scene.
         unit: length of one unit of a scene whose file does not state it, as for `read_scene`; None
             for meters.
     """
@@ -117,10 +116,10 @@ def run_sites(
     A site that fails does not stop the others. Finished calibrations and shards are not repeated.
 
     Args:
-        sites: the recordings; those of one site, distinguished by their dates, share its cameras,
-            in one call or in several with the same `out`.
+        sites: the recordings; recordings of one site, distinguished by their dates, share its
+            cameras, in one call or in several with the same `out`.
         out: folder of the results, with a folder `site=.../date=...` per recording, which readers
-            of Parquet folders take as columns.
+            of Parquet folders interpret as columns.
         every: seconds per shard.
         overlap: seconds that neighboring shards share.
         settings: of calibration and localization.
@@ -130,13 +129,13 @@ def run_sites(
         progress: called as `progress("calibration", done, total)`, then with "shards".
 
     Returns:
-        The joined table of each recording, in their order.
+        The joined table of each recording, in the order of `sites`.
 
     Raises:
-        ShardError: after everything else has finished, naming each site that failed and why; its
+        ShardError: after everything else has finished, naming each failed site and the reason; its
             attribute `finished` holds the other tables.
         InvalidInputError: if a recording is neither videos nor boxes, two have the same name and
-            date, or one site has two scenes, units or lists of anchors, or as `run_shards`.
+            date, one site has two scenes, units or lists of anchors, or as `run_shards`.
     """
     sites = as_instances(sites, Site, "sites")
     names = [(site.name, site.date) for site in sites]
@@ -153,7 +152,7 @@ def run_sites(
         raise InvalidInputError("There are no sites to run.")
     for field, kind in (("scene", "scenes"), ("anchors", "lists of anchors"), ("unit", "units")):
         sites = _shared(sites, field, kind)
-    # Workers may be in another folder.
+    # Workers may run in another folder.
     sites = [
         dataclasses.replace(
             site,
@@ -209,7 +208,7 @@ def run_sites(
 
 
 def _shared(sites: Sequence[Site], field: str, kind: str) -> list[Site]:
-    """Give all dates of a site the value of a field that some of them have."""
+    """Give all dates of a site the value of a field that is set for some."""
     by_site: dict[str, Any] = {}
     for site in sites:
         value = getattr(site, field)
@@ -229,7 +228,7 @@ def _shared(sites: Sequence[Site], field: str, kind: str) -> list[Site]:
 
 
 def _absolute(value: Any) -> Any:
-    """Return a path, or each one of a list, from the root; anything else as it is."""
+    """Make a path, or each path of a list, absolute; return anything else unchanged."""
     if isinstance(value, list | tuple):
         return tuple(map(_absolute, value))
     is_path = isinstance(value, str | os.PathLike)
@@ -237,7 +236,7 @@ def _absolute(value: Any) -> Any:
 
 
 def _silent(site: Site, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"] | None:
-    """(K, 2) frame and camera of the missing pictures of a site; None if it states none."""
+    """Return (K, 2) frame and camera of a site's missing pictures; None if it states none."""
     if isinstance(site.silent, str):
         return read_missing_pictures(site.silent, camera_names)
     return as_pictures(site.silent) if site.silent else None
@@ -258,14 +257,14 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
         path: the file. Each `[[site]]` has a `name`, either `videos` or `detections` (a file of
             saved boxes) and optionally `date`, `scene`, `image_size`, `frame_rate`, `anchors`,
             `silent` (files) and `unit` as in `Site`; paths are relative to the file. The options
-            `every`, `overlap`, `method`, `detector` and `embedder` (ONNX files) hold for all sites.
+            `every`, `overlap`, `method`, `detector` and `embedder` (ONNX files) apply to all sites.
 
     Returns:
-        The sites, and the options that the file gives.
+        The sites, and the options in the file.
 
     Raises:
-        InvalidInputError: if there is no such file.
-        FileFormatError: if it is not such a file, naming the key.
+        InvalidInputError: if the file does not exist.
+        FileFormatError: if the file is not such a list, naming the key.
     """
     source = as_path(path, "path")
     document = read_toml(source, "list of sites", largest=_LARGEST_LIST, dots=_MOST_DOTS)
@@ -301,7 +300,7 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
 
 
 def _values(row: Any, readers: Readers, source: Path, where: str) -> dict[str, Any]:
-    """Read the values of a table of the file, each by its key."""
+    """Read the values of one table of the file, each with the reader of its key."""
     if not isinstance(row, dict):
         raise FileFormatError(f"{source}: {where} must be a table, got {quoted(row)}.")
     for key in row:
@@ -357,7 +356,7 @@ def _scenes(
     """Read or find the scene of each site, in parallel.
 
     Returns:
-        The scenes, the names that their files give to the cameras of boxes, and why sites failed.
+        The scenes, the camera names that their files give for boxes, and why sites failed.
     """
     failed: dict[str, CatFreeError] = {}
     scenes: dict[str, Scene] = {}
@@ -397,7 +396,7 @@ def _scenes(
 
 
 def _read_scene(path: str, site: Site) -> tuple[Scene, Sequence[str] | None]:
-    """Read the scene of a site, its cameras in the order of the videos, and their names.
+    """Read the scene of a site, with cameras in the order of the videos, and their names.
 
     Raises:
         InvalidInputError: if cameras and videos cannot be matched by name.
@@ -421,20 +420,21 @@ def calibrate_site(
     settings: Settings | None = None,
     detector: Detector | FittedToCamera | None = None,
 ) -> Scene:
-    """Find the cameras of a site from the people of a stretch of its recording, once.
+    """Find the cameras of a site from the people in a stretch of its recording, once.
 
-    All dates share the scene, and with it the axes of their positions. It is found again only if
-    settings, anchors, or number or image sizes of the cameras differ. Stretches of five minutes are
-    tried, spread over the recording, until one suffices: at night nobody may be there.
+    All dates share the scene, and hence the axes of their positions. It is found again only if the
+    settings, the anchors, or the number or image sizes of the cameras differ. Stretches of five
+    minutes, spread over the recording, are tried until one suffices: at night there may be no
+    people.
 
     Args:
         site: the recording.
-        out: the scene is kept in `site=NAME/_calibration`.
-        settings: of the calibration.
+        out: the scene is stored in `site=NAME/_calibration`.
+        settings: settings of the calibration.
         detector: as `run`, for videos.
 
     Raises:
-        CalibrationError: if no stretch suffices, with the reason of the last one.
+        CalibrationError: if no stretch suffices, with the reason for the last one.
         CatFreeError: if the recording cannot be read.
     """
     settings = Settings() if settings is None else settings
@@ -476,7 +476,7 @@ def calibrate_site(
 def _footage(
     shard: Shard, site: Site, finder: Detector | FittedToCamera | None
 ) -> tuple[Recording, Detections]:
-    """The videos or boxes of a shard, as `calibrate_cameras` takes them, and its boxes."""
+    """Open a shard's videos or boxes for `calibrate_cameras`, and return them with the boxes."""
     if finder is not None:
         videos = open_shard_videos(shard)
         return videos, detect_videos(videos, finder)

@@ -1,4 +1,4 @@
-"""`open_tracks`: the joined table of a recording, read part by part."""
+"""`open_tracks`: read the joined table of a recording part by part."""
 
 import os
 import typing
@@ -35,9 +35,11 @@ class StoredPart:
         first: first frame that it covers.
         stop: frame after the last one.
         rows: number of positions.
-        sha256: of the file.
-        boxes_used: share of the boxes that support a position: how well they fit the scene.
-        warnings: of its shard: about the input, and cameras that moved, are late or dead.
+        sha256: hash of the file.
+        boxes_used: share of the boxes that support a position, a measure of how well they fit the
+            scene.
+        warnings: warnings of its shard about the input, and cameras that moved, are late or are
+            dead.
     """
 
     path: Path
@@ -73,7 +75,7 @@ class StoredTracks:
         return sum(part.rows for part in self.parts)
 
     def __iter__(self) -> Iterator[Tracks]:
-        """Read the tracks of one part after another, sorted by frame, then track."""
+        """Yield the tracks of one part after another, sorted by frame, then track."""
         return map(self._read, self.parts)
 
     def between(self, begin: float | int, end: float | int) -> Tracks:
@@ -113,15 +115,15 @@ def open_tracks(out: StrPath) -> StoredTracks:
             ...  # the tracks of ten minutes
 
     Args:
-        out: the folder of the recording, which `join` or `run_shards` completed.
+        out: folder of the recording, completed by `join` or `run_shards`.
 
     Returns:
-        The table on disk; only the part that is being read is in memory.
+        The table on disk; only the part being read is in memory.
 
     Raises:
-        InvalidInputError: if the folder does not exist or its shards have not been joined.
+        InvalidInputError: if the folder does not exist or its shards are not joined.
         FileFormatError: if the manifest is damaged or of another version, a part is missing, or
-            the scene is not the one that the manifest names.
+            the scene does not match the manifest.
     """
     folder = require_folder(out, "joined shards")
     path = folder / MANIFEST
@@ -135,13 +137,13 @@ def open_tracks(out: StrPath) -> StoredTracks:
         people, sha256 = int(document["people"]), document["scene_file"]
     scene, names = read_scene_json(require_scene_file(folder, sha256))
     for part in parts:
-        if not os.path.isfile(part.path):  # also if the name is too long
+        if not os.path.isfile(part.path):  # also False if the name is too long
             raise FileFormatError(f"{part.path} is missing. Join the shards again.")
     return StoredTracks(folder, scene, names, clock, people, parts)
 
 
 def row_of(part: StoredPart) -> dict[str, Any]:
-    """What the manifest says about a part."""
+    """Return the manifest's entry for a part."""
     rest = {name: value for name, value in vars(part).items() if name != "path"}
     return {"file": part.path.name} | rest
 
