@@ -26,9 +26,9 @@ if _typing.TYPE_CHECKING:
     )
     from catfree._public import *  # noqa: F403
 
-__version__ = "0.2.0.dev0"  # the only place: distributions read it from here
+__version__ = "0.2.0.dev0"  # the only place: the build reads it from here
 
-# Imported at first use, because JAX and OpenCV take seconds, and some packages need extras.
+# Imported on first use, because JAX and OpenCV take seconds and some packages need extras.
 _PACKAGES = (
     "adapters", "calibration", "errors", "evaluation", "filters", "geometry", "methods",
     "settings", "synthetic", "testing", "types", "viz",
@@ -37,13 +37,13 @@ _PACKAGES = (
 
 @_cache
 def _module_of_name() -> dict[str, str]:
-    """The module of each name in `_public.py`, read without importing any of them."""
+    """Map each name in `_public.py` to its module, without importing any module."""
     source = (_Path(__file__).parent / "_public.py").read_text(encoding="utf-8")
     imports = (node for node in _ast.parse(source).body if isinstance(node, _ast.ImportFrom))
     return {alias.name: str(node.module) for node in imports for alias in node.names}
 
 
-if not _typing.TYPE_CHECKING:  # which would accept any name
+if not _typing.TYPE_CHECKING:  # type checkers would accept any name
 
     def __getattr__(name: str) -> _typing.Any:
         if name in _PACKAGES:

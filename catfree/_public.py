@@ -1,4 +1,4 @@
-"""The names of `catfree` beside its packages: a list that is read, not run, until one is used."""
+"""The public names of `catfree` besides its packages; read, but not run until one is used."""
 
 from catfree._coverage import (
     Coverage as Coverage,

@@ -1,7 +1,7 @@
 """The exceptions of catfree.
 
-Each message says in a sentence or two what is wrong, where (file, camera, frame, index) and what to
-do. Catch `CatFreeError` to catch them all.
+Each message says in one or two sentences what is wrong, where (file, camera, frame, index) and what
+to do. Catch `CatFreeError` to catch them all.
 """
 
 import contextlib
@@ -18,10 +18,10 @@ _short_repr.maxlist = _short_repr.maxtuple = _short_repr.maxdict = 8
 
 
 def quoted(value: Any) -> str:
-    """Format a value on one line of an error message, leaving out its middle if it is long.
+    """Format a value on one line of an error message, dropping the middle if it is long.
 
-    An exception gives its message without the final period, anything else its `repr`, or its type
-    if it has none.
+    An exception gives its message without the final period; anything else gives its `repr`, or its
+    type if `repr` fails.
     """
     is_error = isinstance(value, BaseException)
     try:
@@ -33,7 +33,7 @@ def quoted(value: Any) -> str:
 
 
 def shortened(text: str) -> str:
-    """Shorten text such as a camera's name by leaving out its middle if it is long."""
+    """Shorten long text, such as a camera's name, by dropping its middle."""
     if len(text) <= _LONGEST_QUOTE:
         return text
     half = _LONGEST_QUOTE // 2
@@ -41,15 +41,15 @@ def shortened(text: str) -> str:
 
 
 class CatFreeError(Exception):
-    """Base class of every error that catfree raises on purpose."""
+    """Base class of all errors that catfree raises deliberately."""
 
 
 class InvalidInputError(CatFreeError, ValueError):
-    """An argument or a file's content breaks the documented contract."""
+    """An argument or a file's content violates the documented contract."""
 
 
 class FileFormatError(CatFreeError, ValueError):
-    """A file exists but does not hold what its format promises."""
+    """A file exists but does not have the content that its format requires."""
 
 
 class WriteError(CatFreeError, OSError):
@@ -73,11 +73,11 @@ class CalibrationError(CatFreeError):
 
 
 class DegenerateGeometryError(CatFreeError, ValueError):
-    """Points or rays in a degenerate configuration leave the result undetermined."""
+    """Points or rays are in a degenerate configuration, so the result is undetermined."""
 
 
 class ForkedProcessError(CatFreeError, RuntimeError):
-    """A forked process would deadlock; the message says how to start one that does not."""
+    """A forked process would deadlock; the message says how to start a process that does not."""
 
 
 class MissingDependencyError(CatFreeError, ImportError):

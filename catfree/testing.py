@@ -1,9 +1,9 @@
 """Hypothesis strategies for property tests of code that works on multi-view scenes.
 
-Properties of localization need no expected values: a similarity of the world moves the result and
-changes nothing else, the order of cameras has no effect, exact boxes reproduce the positions that
-they were made from. These strategies draw worlds to test such properties. They shrink towards
-simple cases: cameras evenly around the origin, people near it, the identity.
+Properties of localization need no expected values: a similarity of the world transforms the result
+and changes nothing else, the order of cameras has no effect, and exact boxes reproduce their
+positions. These strategies draw worlds to test such properties. They shrink towards simple cases:
+cameras evenly around the origin, people near it, the identity.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -41,8 +41,8 @@ class Observed(NamedTuple):
     Attributes:
         scene: metric, z up, ground z = 0.
         positions: (P, 2) foot points in meters.
-        detections: one box per person and camera in frame 0, sorted by camera, then person, whose
-            bottom center is the foot point.
+        detections: one box per person and camera in frame 0, with the foot point as bottom center,
+            sorted by camera, then person.
     """
 
     scene: Scene
@@ -51,7 +51,7 @@ class Observed(NamedTuple):
 
 
 def rotations() -> "st.SearchStrategy[np.ndarray]":
-    """Rotations, drawn as quaternions.
+    """Draw rotations as quaternions.
 
     Returns:
         A strategy of (3, 3) float64 matrices that shrinks to the identity.
@@ -63,7 +63,7 @@ def rotations() -> "st.SearchStrategy[np.ndarray]":
 def similarities(
     scales: tuple[float, float] = (0.02, 50.0), reach: float | int = 100.0
 ) -> "st.SearchStrategy[Similarity]":
-    """Similarity transforms of the world, without reflections.
+    """Draw similarity transforms of the world, without reflections.
 
     Args:
         scales: smallest and largest scale.
@@ -73,7 +73,7 @@ def similarities(
         A strategy of `cf.geometry.Similarity`.
 
     Raises:
-        InvalidInputError: if the scales are not positive, the smallest first.
+        InvalidInputError: if the scales are not positive and ascending.
     """
     if not 0 < scales[0] <= scales[1] < np.inf:
         raise InvalidInputError(f"scales is {scales}; it must be two positive numbers in order.")
@@ -85,10 +85,10 @@ def similarities(
 
 @st.composite
 def scenes(draw: "DrawFn", cameras: int | None = None) -> Scene:
-    """Metric scenes with 2 to 6 cameras around the origin, which look at it and see people near it.
+    """Draw metric scenes with 2 to 6 cameras around the origin that see the people near it.
 
     Args:
-        draw: provided by hypothesis.
+        draw: provided by Hypothesis.
         cameras: number of cameras; None to draw it.
 
     Returns:
@@ -111,10 +111,10 @@ def scenes(draw: "DrawFn", cameras: int | None = None) -> Scene:
 
 @st.composite
 def observed(draw: "DrawFn", cameras: int | None = None, people: int | None = None) -> Observed:
-    """A scene, 1 to 4 people in it at least 1 m apart, and their exact boxes.
+    """Draw a scene, 1 to 4 people at least 1 m apart, and their exact boxes.
 
     Args:
-        draw: provided by hypothesis.
+        draw: provided by Hypothesis.
         cameras: as in `scenes`.
         people: number of people, at most 4; None to draw it.
 
@@ -122,7 +122,7 @@ def observed(draw: "DrawFn", cameras: int | None = None, people: int | None = No
         Scene, positions and detections.
 
     Raises:
-        InvalidInputError: if people is out of range.
+        InvalidInputError: if `people` is out of range.
     """
     count = draw(st.integers(1, MOST_PEOPLE)) if people is None else people
     if not 1 <= count <= MOST_PEOPLE:
@@ -135,7 +135,7 @@ def observed(draw: "DrawFn", cameras: int | None = None, people: int | None = No
 
 
 def boxes_of(scene: Scene, positions: ArrayInput) -> Detections:
-    """Exact boxes of upright people of 1.7 m in every camera, without occlusion, in frame 0.
+    """Compute exact boxes of upright people, 1.7 m tall, in all cameras in frame 0, unoccluded.
 
     Args:
         scene: in meters, z up, ground z = 0, without distortion.
@@ -157,12 +157,12 @@ def boxes_of(scene: Scene, positions: ArrayInput) -> Detections:
 
 
 def _rotation(imaginary: tuple[float, float, float]) -> np.ndarray:
-    """The rotation of the quaternion 1 + xi + yj + zk."""
+    """Compute the rotation of the quaternion 1 + xi + yj + zk."""
     return Rotation.from_quat([*imaginary, 1.0]).as_matrix()
 
 
 def _looking_at_origin(center: np.ndarray) -> np.ndarray:
-    """World-to-camera rotation with OpenCV axes; z is up in the world."""
+    """Compute the world-to-camera rotation with OpenCV axes; z is up in the world."""
     forward = -center / np.linalg.norm(center)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right = right / np.linalg.norm(right)

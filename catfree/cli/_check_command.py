@@ -1,4 +1,4 @@
-"""The command that checks a rig against the people that it saw."""
+"""The command that checks a rig against the people in its cameras."""
 
 import contextlib
 import importlib.util
@@ -91,7 +91,7 @@ def check(
             raise InvalidInputError(
                 f"There are {len(offsets)} --offsets for {count} videos. Give one per video."
             )
-        # The scene is put in the order of the boxes, without cameras that have no boxes.
+        # Put the scene in the order of the boxes, without cameras that have no boxes.
         place = positions_of(camera_boxes.camera_names, names) if names else None
         place = range(count) if place is None else place
         clock = camera_boxes.detections.clock
@@ -125,11 +125,11 @@ def check(
 
 
 def refer_to_warnings(result: Any, outcome: Any) -> Any:
-    """Refer to the warning as the advice on cameras that fit but are named in one.
+    """Refer to the warnings in the advice on cameras that fit but have a warning.
 
     Args:
         result: a `Check`.
-        outcome: the `RunOutcome` of the same boxes, whose warnings give names in quotes.
+        outcome: the `RunOutcome` of the same boxes, whose warnings quote camera names.
     """
     warnings = " ".join(outcome.warnings)
     cameras = tuple(
@@ -142,7 +142,7 @@ def refer_to_warnings(result: Any, outcome: Any) -> Any:
 
 
 def check_table(result: Any, camera_names: tuple[str, ...]) -> Any:
-    """The verdicts of a `Check`, one row per camera."""
+    """Tabulate the verdicts of a `Check`, one row per camera."""
     from catfree.viz.page._blocks import Table
 
     rows = []
@@ -170,18 +170,18 @@ def write_check_page(out: Path, result: Any, outcome: Any, footage: Any, *, blur
     """Write verdicts, a grid of the ground, coverage and expected accuracy as a page.
 
     Args:
-        out: folder, made if there is none.
+        out: folder, created if it does not exist.
         result: a `Check`.
         outcome: the `RunOutcome` of the same boxes.
         footage: `SynchronizedVideos` of the cameras, or None.
         blur: make people unrecognizable.
 
     Returns:
-        The HTML file `report.html`; `report.md` says the same.
+        The HTML file `report.html`; `report.md` has the same content.
 
     Raises:
-        InvalidInputError: if the footage does not fit the scene, or is to be blurred and has no
-            frame in common with the boxes.
+        InvalidInputError: if the footage does not fit the scene, or must be blurred but shares no
+            frame with the boxes.
         WriteError: if the disk is full or not writable.
     """
     from catfree._run._report import describe_acceptance, describe_warnings
@@ -218,7 +218,7 @@ def write_check_page(out: Path, result: Any, outcome: Any, footage: Any, *, blur
     blocks.append(Picture(grid.name, "the ground as the scene has it, in units of the scene"))
     try:
         covered = catfree.coverage(outcome.scene)
-    except CatFreeError:  # as when the cameras see no common ground
+    except CatFreeError:  # for instance if the cameras see no common ground
         covered = None
     blocks += describe_acceptance(outcome, covered)
     if covered is not None and importlib.util.find_spec("matplotlib") is not None:
@@ -234,7 +234,7 @@ def write_check_page(out: Path, result: Any, outcome: Any, footage: Any, *, blur
 def _draw_grid(folder: Path, outcome: Any, footage: Any, blur: bool) -> Path:
     """Draw the grid on the last pictures, or on the boxes of a full instant near the end.
 
-    Pictures to blur are the last with boxes, which may count their frames from 0 or from 1.
+    Pictures to blur are the last with boxes, whose frames may count from 0 or from 1.
     """
     from catfree.errors import InvalidInputError
     from catfree.viz._person_height import person_height
@@ -247,7 +247,7 @@ def _draw_grid(folder: Path, outcome: Any, footage: Any, blur: bool) -> Path:
         last = footage.frame_count - 1
         if blur:
             with_boxes = np.flatnonzero(np.isin(footage.frames, boxes.frame))
-            # The files of boxes of a run count its instants, which may be every fifth frame.
+            # Box files of a run number its instants, which may be every fifth frame.
             if not len(with_boxes) or with_boxes[-1] < footage.frame_count / 2:
                 raise InvalidInputError(
                     "The frame numbers of the boxes are not those of the videos, so people cannot "

@@ -44,7 +44,7 @@ NO_TRUTH = (
     "have no true position: everybody found there counts as wrong. If the truth covers only some "
     "frames, give --frames truth."
 )
-# Share of positions matched. By chance, a crowd of 20 in a hall of 12 by 36 m matches 0.04.
+# Share of matched positions. By chance, a crowd of 20 in a hall of 12 by 36 m matches 0.04.
 HARDLY_ANY = 0.1
 ELSEWHERE = (
     "meet: the two may be in different frames of reference or units. Cameras from people have a "
@@ -67,7 +67,7 @@ def _report_of_failure(
 ) -> Iterator[Any]:
     """Yield the partial results of a run; if it fails, write them and name the report.
 
-    The folder of the report is made before the run begins.
+    The folder of the report is created before the run begins.
     """
     from catfree._run._failed_run import write_failure
     from catfree._run._run import Unfinished
@@ -90,7 +90,7 @@ def _report_of_failure(
 
 
 def _box_table(boxes: Any) -> Any:
-    """Number, frames and median height of the boxes, one row per camera."""
+    """Tabulate number, frames and median height of the boxes, one row per camera."""
     from catfree.viz.page._blocks import Table
 
     rows = []
@@ -102,7 +102,7 @@ def _box_table(boxes: Any) -> Any:
 
 
 def _in_steps(frames: np.ndarray, tracked: np.ndarray) -> np.ndarray:
-    """Mark frames in the even steps of sorted frames of tracks, (F,); all if there are none."""
+    """Mark frames (F,) in the even steps of sorted frames of tracks; all if there are none."""
     if not len(tracked):
         return np.ones(len(frames), bool)
     step = max(1, int(np.gcd.reduce(np.diff(tracked))))
@@ -121,11 +121,11 @@ def _are_strided(tracked: np.ndarray, truth_frames: np.ndarray, even: np.ndarray
 def _better_numbering(
     truth: np.ndarray, predicted: np.ndarray, frames: np.ndarray, gate: float
 ) -> str | None:
-    """Say by how much the true frame numbers are off, if most frames fit far better with a shift.
+    """State by how much true frame numbers are off, if most frames fit far better with a shift.
 
     Args:
         truth: (G, 4) rows [frame, id, x, y].
-        predicted: (P, 4) rows of the same form.
+        predicted: (P, 4) the same columns.
         frames: (F,) common frame numbers, sorted.
         gate: largest distance of a match.
     """
@@ -667,7 +667,7 @@ def heat_map(
         print_text(str(save_plot(ax, path.with_suffix(".png"))))
 
 
-# By the name of the sub-command, in the order of the help.
+# By name of the sub-command, in the order of the help.
 COMMANDS: dict[str, Callable[..., int | None]] = {
     "run": run,
     "demo": demo,

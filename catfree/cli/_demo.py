@@ -34,8 +34,8 @@ from catfree.viz.page._blocks import Block, Heading, Paragraph, Table
 SMALLEST_PICTURE = 32  # pixels; people in smaller ones are mere dots
 LARGEST_PICTURE = 4096  # pixels; larger ones exceed common decoders and memory
 
-# The default does not report people where the rig is imprecise. The demo scores only the square, so
-# it does not need this restriction.
+# By default, people are not reported where the rig is imprecise. The demo scores only the square,
+# so it does not need this restriction.
 DEMO_SETTINGS = Settings(evidence=EvidenceSettings(working_area=False))
 UNPREDICTED = (
     "There is no expected MODA below, because the demo scores only the square and therefore "
@@ -61,8 +61,8 @@ class AlignedScore:
         detection: matches within 0.5 m.
         tracking: matches within 1 m.
         hota: in percent.
-        centre_error: (C,) distance of each camera's center from the truth in meters, NaN where not
-            registered.
+        centre_error: (C,) distance of each camera's center from the truth in meters, NaN for
+            unregistered cameras.
         scale: fitted meters per scene unit; 1 for a rigid alignment.
     """
 
@@ -91,13 +91,13 @@ def run_demo(
     """Render a seeded world, track its people from the video files alone, and score the tracks.
 
     Args:
-        folder: where videos and results go; created if it does not exist.
+        folder: folder for videos and results, created if it does not exist.
         seed: determines the world completely.
         cameras: cameras around the square.
         people: people on the square at a time.
         frames: number of frames, 5 per second.
         image_size: width and height of the videos in pixels.
-        settings: of the localization, `DEMO_SETTINGS` if None.
+        settings: settings of the localization; `DEMO_SETTINGS` if None.
         workers: processes that render and detect; None: one per processor.
         pictures: draw plots; None: if matplotlib is installed.
         blur: make people unrecognizable in the pictures of the results.
@@ -109,7 +109,7 @@ def run_demo(
     Raises:
         InvalidInputError: if there are fewer than three cameras, no people, or images too small or
             too large for a video.
-        CatFreeError: any error of the pipeline, for instance a rig that cannot be found.
+        CatFreeError: any error of the pipeline, for instance if no rig can be found.
     """
     for name, value, least in (
         ("cameras", cameras, 3),  # two centers do not determine the alignment with the truth
@@ -131,7 +131,7 @@ def run_demo(
     )
     videos = render_videos(world, root / "videos", progress, workers=workers)
     try:
-        # Here only the video files are used.
+        # From here on, only the video files are used.
         outcome = run_stages(
             videos, settings=settings, progress=progress, workers=workers or processor_count()
         )
@@ -164,9 +164,9 @@ def run_demo(
 
 
 def score(world: World, outcome: RunOutcome) -> tuple[AlignedScore, ...]:
-    """Compare a run with the world's truth, after a similarity and after a rigid alignment.
+    """Compare a run with the true world, after a similarity and after a rigid alignment.
 
-    The alignment is fitted to the camera centers, never to people. True and found people outside
+    The alignment is fitted to the camera centers, never to people. True and reported people outside
     the area are ignored.
 
     Args:
@@ -204,7 +204,7 @@ def score(world: World, outcome: RunOutcome) -> tuple[AlignedScore, ...]:
 
 
 def score_table(scores: tuple[AlignedScore, ...]) -> Table:
-    """Scores side by side, one column per alignment."""
+    """Tabulate scores, one column per alignment."""
     lines: list[tuple[str, Callable[[AlignedScore], str]]] = [
         ("MODA (0.5 m)", lambda s: f"{s.detection.moda:.1f}"),
         ("precision", lambda s: f"{s.detection.precision:.1f}"),
@@ -226,7 +226,7 @@ def score_table(scores: tuple[AlignedScore, ...]) -> Table:
 
 
 def truth_in_scene(world: World, scene: Scene) -> Float[np.ndarray, "n 4"]:
-    """True rows [frame, id, x, y] in ground coordinates of a scene, for pictures."""
+    """Return true rows [frame, id, x, y] in ground coordinates of a scene, for pictures."""
     similarity: Similarity = align_centres(
         np.asarray(scene.rig.centers, np.float64),
         world.true_centres,

@@ -1,6 +1,6 @@
-"""Open what the command line names: settings, videos, networks and scenes.
+"""Open inputs named on the command line: settings, videos, networks and scenes.
 
-Adapters are imported where a file is opened, so that `catfree --help` loads no video library.
+Adapters are imported when a file is opened, so that `catfree --help` loads no video library.
 """
 
 import contextlib
@@ -29,15 +29,15 @@ def settings_of(method: str) -> Any:
 def require_files(
     videos: tuple[Path, ...], boxes_go: str = TO_LOCALIZE, **others: Path | None
 ) -> None:
-    """Raise if a named file is missing, or no video, before anything slow begins.
+    """Raise if a named file is missing or not a video, before any slow step.
 
     Args:
         videos: the cameras' videos.
-        boxes_go: what to do with boxes.
+        boxes_go: advice for boxes given as videos.
         others: further files by option; None for an option that was not given.
 
     Raises:
-        InvalidInputError: naming the first missing file, or saying what is in its place.
+        InvalidInputError: naming the first missing file, or what the path is instead.
     """
     from catfree.types._validation import as_path
 
@@ -65,14 +65,14 @@ def require_files(
 
 
 def require_offset(largest: int) -> None:
-    """Raise if the largest offset to look for is negative, before anything slow begins."""
+    """Raise if the largest offset to search is negative, before any slow step."""
     from catfree.types._validation import as_count
 
     as_count(largest, "--max-offset", least=0)
 
 
 def require_other_folder(out: Path, boxes: tuple[Path, ...]) -> None:
-    """Raise if results would be written beside the boxes that they are of.
+    """Raise if results would be written into the folder of their boxes.
 
     Raises:
         InvalidInputError: naming the folder.
@@ -87,11 +87,11 @@ def require_other_folder(out: Path, boxes: tuple[Path, ...]) -> None:
 
 @contextlib.contextmanager
 def folder_of_results(out: Path) -> Iterator[None]:
-    """Make the folder of the results before the work; remove it if nothing is written there.
+    """Create the results folder before the work; remove it if nothing is written there.
 
     Raises:
         InvalidInputError: if no folder can have this path.
-        WriteError: if the folder cannot be made.
+        WriteError: if the folder cannot be created.
     """
     from catfree.types._writing import make_folder
 
@@ -101,12 +101,12 @@ def folder_of_results(out: Path) -> Iterator[None]:
         yield
     finally:
         if is_new:
-            with contextlib.suppress(OSError):  # it holds something
+            with contextlib.suppress(OSError):  # it is not empty
                 out.rmdir()
 
 
 def _footage_in(path: Path) -> list[Path]:
-    """List the path if it is a video or a folder of images, else those that it holds."""
+    """List the path if it is a video or image folder, otherwise the videos and folders in it."""
     from catfree.adapters.datasets._detection_files import has_images
 
     def is_footage(one: Path) -> bool:
@@ -121,7 +121,7 @@ def network_file(path: Path) -> Path:
     """Return the file that an option names: its path, or the name of downloaded weights.
 
     Raises:
-        InvalidInputError: if it is the name of weights that are not on this machine.
+        InvalidInputError: if it names weights that are not on this machine.
     """
     if os.path.exists(path):
         return path
@@ -184,10 +184,10 @@ def open_reconstructor(path: Path | None) -> Any:
 def open_scene(
     path: Path | None, unit: Unit = "m", image_size: tuple[int, int] | None = None
 ) -> tuple[Any, tuple[str, ...] | None]:
-    """Read cameras and ground in any format, and the cameras' names if it has any.
+    """Read cameras and ground in any format, and the cameras' names if there are any.
 
     Raises:
-        CatFreeError: if there is no calibration, or a unit without one.
+        CatFreeError: if there is no calibration, or a unit without a calibration.
     """
     from catfree.adapters.datasets._scene_files import read_scene
 
@@ -202,7 +202,7 @@ def open_scene(
 
 
 def open_anchors(path: Path | None) -> tuple[Any, ...]:
-    """Read what is known about the site."""
+    """Read anchors, the known measurements of the site."""
     from catfree.calibration import read_anchors
 
     return () if path is None else read_anchors(path)
@@ -215,7 +215,7 @@ def open_boxes(
     silent: Path | None = None,
     camera_names: tuple[str, ...] | None = None,
 ) -> Any:
-    """Read the boxes of all cameras, with the names of these and the sizes of their images.
+    """Read the boxes, names and image sizes of all cameras.
 
     Args:
         paths: files of boxes, or one folder.
@@ -225,7 +225,7 @@ def open_boxes(
         camera_names: (C,) names of the scene's cameras, if known.
 
     Raises:
-        CatFreeError: if these are not boxes, saying which command takes what they are.
+        CatFreeError: if these are not boxes, naming the command that takes such files.
     """
     from dataclasses import replace
 
@@ -257,7 +257,7 @@ def open_boxes(
 
 
 def _like_boxes(path: Path) -> str:
-    """Say what tells that a path is one of boxes: the endings of names, not what they hold."""
+    """Say by which file endings a path looks like boxes, without reading it."""
     if path.is_dir():
         return f"{path} holds files that end like boxes"
     return f"{path} ends like a file of boxes ({path.suffix})"
@@ -267,7 +267,7 @@ def are_boxes(paths: tuple[Path, ...]) -> bool:
     """Return whether these are files of boxes rather than videos.
 
     Raises:
-        InvalidInputError: if some are and others are not.
+        InvalidInputError: if only some are boxes.
     """
     from catfree.adapters.datasets._detection_files import holds_boxes
 
@@ -281,7 +281,7 @@ def are_boxes(paths: tuple[Path, ...]) -> bool:
 
 
 def joined_recording(path: Path) -> Any:
-    """Open the folder of a joined recording; None if it is something else, as a run's results."""
+    """Open the folder of a joined recording; return None for other folders, such as a run's."""
     from catfree._run.sharded._receipt import MANIFEST
     from catfree._run.sharded._stored_tracks import open_tracks
 

@@ -18,15 +18,15 @@ def main(arguments: list[str] | None = None) -> int:
             prints the version.
 
     Returns:
-        The exit code: 0, or 1 after an error, which is one sentence on standard error, or none if
-        whoever read the output ended, as `head` does. Invalid arguments exit with 2.
+        The exit code: 0, or 1 after an error. An error prints one sentence on standard error, or
+        nothing if the reader of the output ended, as `head` does. Invalid arguments exit with 2.
     """
     try:
         if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
             print_text(f"catfree {catfree.__version__}")
             return 0
         tyro = require_tyro()
-        from catfree.cli._commands import COMMANDS  # which need tyro
+        from catfree.cli._commands import COMMANDS  # needs tyro
 
         for command in COMMANDS.values():
             inspect.unwrap(command).__doc__ = _in_whole_lines(command)
@@ -50,5 +50,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _in_whole_lines(command: Callable[..., int | None]) -> str:
-    """Join the lines of each argument in a docstring, which tyro would break as they stand."""
+    """Join the lines of each argument in a docstring, whose breaks tyro would keep."""
     return re.sub(r"\n {8,}", " ", inspect.getdoc(command) or "")

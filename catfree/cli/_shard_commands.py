@@ -75,7 +75,7 @@ def plan(
             f"{boxes} is read as boxes, so --detector and --embedder would not be used."
         )
     known, names, warnings = _scene_for(scene, recording if boxes is None else (), unit)
-    warn(warnings)  # before shards fail
+    warn(warnings)  # before any shard can fail
     if silent is None and boxes is not None:
         silent = beside_results(boxes, RESULT_SILENT)
     parts = shards(
@@ -87,10 +87,10 @@ def plan(
         silent=None if silent is None else _missing_pictures(silent, known, names),
         camera_names=names,
     )
-    # Beside the other working files, which readers of Parquet folders leave out.
+    # Beside the other working files, which readers of Parquet folders skip.
     path = out / PLAN
     make_folder(path.parent)
-    # All paths from the root: the processes of the shards may start in another folder.
+    # Absolute paths, because the processes of the shards may start in another folder.
     files = {
         role: "" if path is None else os.path.abspath(network_file(path))
         for role, path in networks.items()
@@ -189,7 +189,7 @@ def run_sites(
 def _holds_boxes(path: Path) -> bool:
     from catfree.adapters.datasets._detection_files import RESULT_BOXES
 
-    if (path / RESULT_BOXES).is_file():  # beside tables of tracks
+    if (path / RESULT_BOXES).is_file():  # lies beside tables of tracks
         return False
     held = path.rglob("*") if path.is_dir() else ()
     return path.suffix.lower() in BOXES or any(one.suffix.lower() == ".parquet" for one in held)
@@ -198,10 +198,10 @@ def _holds_boxes(path: Path) -> bool:
 def _scene_for(
     path: Path, videos: Sequence[Path], unit: Any = "m"
 ) -> tuple[Any, tuple[str, ...] | None, tuple[str, ...]]:
-    """Read a scene, its cameras in the order of the videos, if there are any.
+    """Read a scene, with its cameras in the order of the videos, if there are any.
 
     Returns:
-        The scene, the names of its cameras where boxes do not name them, and warnings.
+        The scene, the names of its cameras if boxes do not name them, and warnings.
     """
     from catfree._run._input_checks import order_like
     from catfree.adapters.files._camera_names import names_of_files
@@ -239,11 +239,11 @@ def _print_recording(recording: Any) -> None:
 
 
 def _executor(dask: str | None, workers: int | None) -> AbstractContextManager[Any]:
-    """Return the client of a Dask scheduler, or an executor of processes of this machine.
+    """Return the client of a Dask scheduler, or an executor of processes on this machine.
 
     Raises:
         MissingDependencyError: if Dask is not installed.
-        InvalidInputError: if no scheduler answers, or both are given.
+        InvalidInputError: if no scheduler answers, or both arguments are given.
     """
     from catfree._run.sharded._executors import spawned_workers
 

@@ -16,9 +16,9 @@ import numpy as np
 from catfree.errors import needing
 
 FAILURE, INTERRUPTED = 1, 130
-WIDEST = 1000  # columns of a table in a file or pipe, where nothing need be folded
+WIDEST = 1000  # columns of a table in a file or pipe, where no line is folded
 
-# Advice in terms of the library, and the same in terms of commands and their options.
+# Advice in terms of the library, and the same advice in terms of commands and options.
 OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
     "pass image_size, or a scene": "give --image-size, or a --scene to catfree localize",
@@ -75,7 +75,7 @@ def require_tyro() -> Any:
 
 @contextlib.contextmanager
 def progress_bars() -> Iterator[Callable[[str, int, int], None]]:  # `Progress` imports JAX
-    """One bar per stage on standard error, with rate and time left."""
+    """Show one bar per stage on standard error, with rate and time left."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -90,7 +90,7 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:  # `Progress` 
     from rich.text import Text
 
     class RateColumn(ProgressColumn):
-        """Steps per second."""
+        """Show the steps per second."""
 
         def render(self, task: Task) -> Text:
             speed = task.finished_speed or task.speed
@@ -116,7 +116,7 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:  # `Progress` 
         def progress(stage: str, done: int, total: int) -> None:
             nonlocal current
             if stage != current:
-                # When a stage begins, or begins again, all earlier ones have finished.
+                # When a stage begins, or begins again, all earlier stages have finished.
                 finish()
                 current = stage
             if stage not in tasks:
@@ -146,7 +146,7 @@ def print_result(outcome: Any, out: Path) -> None:
 
 
 def print_table(table: Any, *, aside: bool = False) -> None:
-    """Print a table of a report; on standard error if `aside`."""
+    """Print a table of a report, on standard error if `aside`."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -157,7 +157,7 @@ def print_table(table: Any, *, aside: bool = False) -> None:
         justify = "left" if at == 0 else "right"
         drawn.add_column(name, justify=justify, overflow="fold", no_wrap=one_word)
     for row in table.rows:
-        drawn.add_row(*map(Text, row))  # as it stands: names may look like markup
+        drawn.add_row(*map(Text, row))  # literally: names may look like markup
     console = Console(stderr=aside)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = WIDEST

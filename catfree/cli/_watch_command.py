@@ -59,7 +59,7 @@ def watch(
 
 
 def _standard_input() -> Iterator[str]:
-    """Yield the lines until the end or an interruption, after which the rest becomes final."""
+    """Yield lines until the end or an interruption, which makes all positions final."""
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
     with contextlib.suppress(KeyboardInterrupt):
