@@ -3,9 +3,9 @@
     python examples/bring_your_own_detector.py a.mp4 b.mp4 c.mp4
 
 A detector is any callable from an image to boxes. This one first learns the background from a
-camera's footage (`fit`) and detects what differs from it. It needs no weights and merges people who
-stand close together: replace it by your own. A detector that does not learn from the footage only
-needs `__call__` and `fingerprint`.
+camera's footage (`fit`) and detects what differs from it. It needs no weights, but merges people
+who stand close together: replace it with your own. A detector that does not learn from the footage
+needs only `__call__` and `fingerprint`.
 """
 
 import argparse
@@ -18,14 +18,14 @@ import numpy as np
 import catfree as cf
 
 DIFFERENCE = 30  # gray levels
-SMALLEST = 24  # pixels of height
+SMALLEST = 24  # pixels in height
 SAMPLED = 100, 2  # background from every second of the first 100 images
 
 
 class Moving:
-    """Detects tall regions that differ from the background."""
+    """Detect tall regions that differ from the background."""
 
-    fingerprint = "moving-1"  # change it with the code, so that no stale result is reused
+    fingerprint = "moving-1"  # change it with the code, so no stale result is reused
 
     def fit(self, images: Iterable[np.ndarray]) -> "MovingAt":
         """Learn the background of one camera from its RGB images."""

@@ -1,9 +1,9 @@
 """Calibrate cameras from people alone, then localize the people with that rig.
 
-Reads a sequence in the uniform JSON format with known calibration and positions, calibrates from
-the person boxes alone, and compares camera centers, focal lengths, and the detection score (MODA)
-with the true rig, with the estimated rig after a similarity alignment, and with the estimated rig
-after a rigid alignment, which keeps its scale.
+Read a sequence in the uniform JSON format with known calibration and positions, calibrate from the
+person boxes alone, and compare camera centers and focal lengths with the true rig. Also compare the
+detection score (MODA) of the true rig with that of the estimated rig after a similarity alignment,
+and after a rigid alignment, which keeps its scale.
 
     python examples/calibrate_from_people.py sequence.json
 """
@@ -18,7 +18,7 @@ from catfree.evaluation import align_centres, crop, detection_metrics
 
 
 def main() -> None:
-    """Calibrate, localize, compare."""
+    """Calibrate, localize and compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("sequence", type=Path, help="uniform JSON with boxes, truth, calibration")
     sequence = cf.adapters.read_uniform_json(parser.parse_args().sequence)

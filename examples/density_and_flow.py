@@ -1,4 +1,4 @@
-"""Density and flow of pedestrians, computed by PedPy from tracks.
+"""Compute density and flow of pedestrians from tracks with PedPy.
 
     python examples/density_and_flow.py results --area 0 4 0 4 --line 2 0 2 4
 
@@ -24,11 +24,11 @@ def measure(
         tracks: in meters.
         area: x_min, x_max, y_min, y_max of the area whose density is measured.
         line: x1, y1, x2, y2 of the line across which the flow is measured.
-        frame_rate: frames per second; None for that of the tracks' clock.
+        frame_rate: frames per second; None for the rate of the tracks' clock.
 
     Returns:
-        People per square meter and meters per second on average over time, and people per second
-        who cross the line, from the first to the last.
+        Average people per square meter, average meters per second, and people per second who cross
+        the line, from the first to the last.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = cf.adapters.write_pedpy(Path(folder) / "tracks.txt", tracks, frame_rate)

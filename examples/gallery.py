@@ -1,9 +1,9 @@
-"""Draw what catfree can show, in a world that it renders itself.
+"""Draw what catfree can show, in a simulated world.
 
     python examples/gallery.py --out pictures
 
-Writes pictures of the documentation: tracks from above, coverage, the ground on a camera's picture,
-and boxes and identities on a frame.
+Write the pictures of the documentation: tracks from above, coverage, the ground in a camera's
+picture, and boxes and identities on a frame.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def save(axes, path: Path) -> None:
-    """Write the figure of some axes as a small PNG, and close it."""
+    """Write the figure of some axes as a small PNG and close it."""
     axes.figure.savefig(path, dpi=WIDTH / axes.figure.get_figwidth())
     plt.close(axes.figure)
 

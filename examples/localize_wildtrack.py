@@ -3,7 +3,7 @@
     python examples/localize_wildtrack.py PATH_TO_JSON [--method paper|evidence] [--out DIR]
 
 The file is one uniform JSON (see `catfree.adapters.read_uniform_json`), for instance WildTrack with
-the boxes of a detector; any other sequence with cameras and true positions works as well.
+detector boxes; any other sequence with cameras and true positions also works.
 """
 
 import argparse
@@ -18,12 +18,12 @@ from catfree.adapters import MultiViewSequence
 from catfree.evaluation import DetectionMetrics, bootstrap, crop, detection_metrics
 from catfree.viz import plot_bird_eye, plot_gates
 
-BLOCK = 200  # frame labels reported together, as the paper does for held-out footage
+BLOCK = 200  # frame numbers reported together, as in the paper for held-out footage
 NEIGHBORS = 10  # consecutive frames that the bootstrap draws together
 
 
 def score(sequence: MultiViewSequence, tracks: cf.Tracks, frames: np.ndarray) -> DetectionMetrics:
-    """Metrics of some frames; positions outside the annotated area are ignored."""
+    """Score some frames, ignoring positions outside the annotated area."""
     truth, found = sequence.ground_truth, tracks.to_rows()
     if sequence.evaluation_area is not None:
         truth, found = crop(truth, sequence.evaluation_area), crop(found, sequence.evaluation_area)
@@ -31,7 +31,7 @@ def score(sequence: MultiViewSequence, tracks: cf.Tracks, frames: np.ndarray) ->
 
 
 def report_accuracy(sequence: MultiViewSequence, tracks: cf.Tracks) -> None:
-    """Print a table with one row per block of frames and one for all frames."""
+    """Print a table with a row per block of frames and a row for all frames."""
     print(f"{'frames':>12} {'MODA':>7} {'MODP':>7} {'prec.':>7} {'recall':>7}")
     block = (sequence.frames - sequence.frames[0]) // BLOCK
     for number in np.unique(block):
@@ -58,7 +58,7 @@ def report_filters(localization: cf.Localization, unit: str) -> None:
 
 
 def main() -> None:
-    """Read, localize, report, draw."""
+    """Read, localize, report and draw."""
     parser = argparse.ArgumentParser(description="Localize people in a sequence with known truth.")
     parser.add_argument("json", type=Path, help="uniform JSON file with cameras, boxes and truth")
     parser.add_argument("--method", choices=["paper", "evidence"], default="evidence")

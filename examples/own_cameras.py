@@ -2,9 +2,9 @@
 
     python examples/own_cameras.py a.mp4 b.mp4 c.mp4 --out results
 
-Without further arguments people are found by background subtraction, and cameras and ground from
-the people. Use `--detector yolo11x-pose.onnx --embedder osnet.onnx` for networks and
-`--scene` for a known calibration: scene.json, a COLMAP model, ...
+By default, people are found by background subtraction, and cameras and ground from the people. Use
+`--detector yolo11x-pose.onnx --embedder osnet.onnx` for networks and `--scene` for a known
+calibration: scene.json, a COLMAP model, ...
 """
 
 import argparse
@@ -28,7 +28,7 @@ def main() -> None:
         cf.adapters.SynchronizedVideos(options.videos, stride=options.stride),
         detector=cf.adapters.YoloPoseOnnx(options.detector) if options.detector else None,
         embedder=cf.adapters.ReIdOnnx(options.embedder) if options.embedder else None,
-        scene=options.scene,  # a path, so that its cameras are matched with the videos by name
+        scene=options.scene,  # a path, so its cameras are matched to the videos by name
         cache_dir=f"{options.out}/cache",
         progress=lambda stage, done, total: print(f"\r{stage} {done}/{total}   ", end=""),
     )

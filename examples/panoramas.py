@@ -1,10 +1,10 @@
-"""Track people with cameras that see all around, described by nothing but their rays.
+"""Track people with panoramic cameras that are described only by their rays.
 
     python examples/panoramas.py
 
-A panorama (equirectangular, 360 x 180 degrees) is neither a pinhole nor a fisheye. Any camera is
-known once the ray of each pixel is: `panorama` below is such a ray source, and a look-up table or a
-ray map of a network is another. The people and their boxes are simulated; replace `detections` by
+A panorama (equirectangular, 360 x 180 degrees) is neither a pinhole nor a fisheye, but any camera
+is defined by the ray of each pixel. `panorama` below is such a ray source; a look-up table or the
+ray map of a network also works. The people and their boxes are simulated: replace `detections` with
 those of your detector.
 """
 
@@ -21,7 +21,7 @@ METHODS = {"evidence": cf.Settings(), "paper": cf.Settings.paper()}
 
 
 def panorama(camera: int, pixels: np.ndarray) -> np.ndarray:
-    """Rays of a panorama: columns are longitudes, rows are latitudes; x right, y down, z ahead."""
+    """Return panorama rays: columns are longitudes, rows latitudes; x right, y down, z ahead."""
     longitude = ((pixels[:, 0] + 0.5) / SIZE[0] - 0.5) * 2 * np.pi
     latitude = ((pixels[:, 1] + 0.5) / SIZE[1] - 0.5) * np.pi
     level = np.cos(latitude)
@@ -29,7 +29,7 @@ def panorama(camera: int, pixels: np.ndarray) -> np.ndarray:
 
 
 def room() -> cf.Rig:
-    """Four panoramas on the walls, level, 2.7 m high, with their seams towards the wall."""
+    """Place four level panoramas on the walls, 2.7 m high, with their seams towards the wall."""
     center = np.array([[-1, -0.9], [1, -0.7], [1, 0.9], [-1, 0.7]]) * (HALF + 0.5)
     ahead = -center / np.linalg.norm(center, axis=-1, keepdims=True)
     R = np.zeros((4, 3, 3))
@@ -41,7 +41,7 @@ def room() -> cf.Rig:
 
 
 def main() -> None:
-    """Simulate people in the room, and locate them with both methods."""
+    """Simulate people in the room, and localize them with both methods."""
     parser = argparse.ArgumentParser(description="Track people with panoramic cameras.")
     parser.add_argument("--frames", type=int, default=50, help="frames to simulate")
     parser.add_argument("--people", type=int, default=6, help="people in the room")

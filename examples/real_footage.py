@@ -1,11 +1,11 @@
-r"""Run real videos with and without networks, with a given rig and one from the people.
+r"""Run real videos with and without networks, with a given rig and one from people.
 
     python examples/real_footage.py a.mp4 b.mp4 c.mp4 --stride 5 \
         --detector yolo11n-pose.onnx --embedder osnet_x0_25_msmt17.onnx --truth campus.json
 
-Without `--detector`, boxes come from the moving foreground, and looks from colors. `--truth` is a
-JSON file in the uniform format, with cameras and annotated positions: then every result is scored,
-and the given rig is used as well. Without it, three checks need no truth: which cameras are
+Without `--detector`, boxes come from the moving foreground and appearance from colors. `--truth` is
+a JSON file in the uniform format, with cameras and annotated positions: then every result is
+scored, and the given rig is used as well. Without it, three checks need no truth: which cameras are
 registered and how high they are mounted, how tall the people are, and how many boxes support a
 position. Also look at the pictures and the report in the output folder.
 """
@@ -30,19 +30,19 @@ from catfree.adapters import (
 from catfree.evaluation import align_centres, detection_metrics, tracking_metrics
 from catfree.viz import draw_frame
 
-PICTURES = 4  # instants that are drawn
-GATE = 0.5  # meters to an annotated person
+PICTURES = 4  # instants to draw
+GATE = 0.5  # meters from an annotated person
 
 
 class Score(NamedTuple):
-    """Comparison with annotated people, over the instants with at least one of them.
+    """Comparison with annotated people, over instants with at least one of them.
 
     Attributes:
         moda, precision, recall: in percent, at half a meter.
         idf1: in percent, at one meter.
-        camera_error: (C,) meters, after the similarity that aligns the centers; NaN for cameras
-            that are not registered.
-        scale: of that similarity; 1 with the given rig.
+        camera_error: (C,) meters, after the similarity that aligns the centers; NaN for
+            unregistered cameras.
+        scale: scale of that similarity; 1 with the given rig.
     """
 
     moda: float
@@ -61,7 +61,7 @@ class Score(NamedTuple):
 
 
 def score(outcome: RunOutcome, truth: MultiViewSequence) -> Score:
-    """Compare the positions and the cameras of a run with the annotated ones."""
+    """Compare the positions and the cameras of a run with annotated ones."""
     assert truth.rig is not None
     rig, tracks = outcome.scene.rig, outcome.localization.tracks
     align = align_centres(rig.centers, truth.rig.centers, registered=rig.registered)
@@ -79,7 +79,7 @@ def score(outcome: RunOutcome, truth: MultiViewSequence) -> Score:
 
 
 def describe(outcome: RunOutcome, names: list[str]) -> None:
-    """Print quantities of cameras and people that can be checked for plausibility."""
+    """Print the plausibility checks of cameras and people."""
     rig, tracks = outcome.scene.rig, outcome.localization.tracks
     for camera, name in enumerate(names):
         boxes = int((outcome.detections.camera == camera).sum())
@@ -111,7 +111,7 @@ def describe(outcome: RunOutcome, names: list[str]) -> None:
 
 
 def draw(outcome: RunOutcome, videos: SynchronizedVideos, out: Path) -> None:
-    """Draw boxes, tracks and posts of a person's height at a few instants of all cameras."""
+    """Draw boxes, tracks and posts of a person's height in all cameras at a few instants."""
     chosen = np.linspace(0, videos.frame_count - 1, PICTURES + 2).round().astype(int)[1:-1]
     for at, (frame, images) in enumerate(videos):
         if at not in chosen:

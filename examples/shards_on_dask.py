@@ -1,7 +1,7 @@
 """Localize a long recording in shards on a Dask cluster.
 
-Two workers of this machine stand for a cluster; with one, pass the address of its scheduler to
-`Client` instead. The recording is simulated: boxes of four cameras in a Parquet table.
+Two workers on this machine stand in for a cluster; to use a real one, pass the address of its
+scheduler to `Client`. The recording is simulated: boxes of four cameras in a Parquet table.
 
     pip install 'catfree[distributed]'
     python examples/shards_on_dask.py --out day
@@ -20,10 +20,10 @@ START = "distributed.nanny.pre-spawn-environ."
 
 
 def worker_settings() -> dict[str, object]:
-    """Settings of Dask with which its workers are as fast as processes without it.
+    """Return Dask settings with which its workers are as fast as processes without it.
 
     By default they return memory to the system after each large array, which takes a sixth of their
-    time, and stop what they compute up to 50 times per second to look at themselves.
+    time, and pause up to 50 times per second to profile themselves.
     """
     environment = {START + name: value for name, value in cf.worker_environment().items()}
     return {
@@ -36,7 +36,7 @@ def worker_settings() -> dict[str, object]:
 
 
 def main() -> None:
-    """Simulate, cut, localize, join."""
+    """Simulate, cut, localize and join."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("day"), help="folder for the results")
     parser.add_argument("--frames", type=int, default=3000, help="frames to simulate, 5 per second")
@@ -58,5 +58,5 @@ def main() -> None:
     print(f"{len(plan)} shards, {day.people} people, {len(day)} positions in {day.folder}")
 
 
-if __name__ == "__main__":  # which worker processes do not run
+if __name__ == "__main__":  # worker processes skip this
     main()

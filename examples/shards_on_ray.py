@@ -1,7 +1,7 @@
 """Localize a long recording in shards on a Ray cluster.
 
-`RayExecutor` makes a `concurrent.futures.Executor` of Ray tasks, which `cf.run_shards` and
-`cf.run_sites` take like any other. The recording is simulated: boxes of four cameras in a Parquet
+`RayExecutor` turns Ray tasks into a `concurrent.futures.Executor`, which `cf.run_shards` and
+`cf.run_sites` accept like any other. The recording is simulated: boxes of four cameras in a Parquet
 table.
 
     pip install ray 'catfree[parquet]'
@@ -27,7 +27,7 @@ class RayExecutor(Executor):
 
 
 def main() -> None:
-    """Simulate, cut, localize, join."""
+    """Simulate, cut, localize and join."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("day"), help="folder for the results")
     parser.add_argument("--frames", type=int, default=3000, help="frames to simulate, 5 per second")

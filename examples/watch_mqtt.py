@@ -3,8 +3,8 @@
     pip install paho-mqtt
     python examples/watch_mqtt.py scene.json --host localhost
 
-Cameras publish lines as `catfree watch` reads them to `boxes/NAME`; positions go to `people/final`,
-`people/provisional` and so on. An empty message to `boxes/end` ends the program.
+Cameras publish lines to `boxes/NAME`, in the format of `catfree watch`; positions go to
+`people/final`, `people/provisional` and so on. An empty message to `boxes/end` ends the program.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import catfree as cf
 
 
 def main() -> None:
-    """Connect a broker with a tracker."""
+    """Connect a broker to a tracker."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", help="cameras and ground, as cf.read_scene reads them")
     parser.add_argument("--host", default="localhost", help="of the broker")
@@ -34,7 +34,7 @@ def main() -> None:
     client.loop_start()
     rate = options.frame_rate
     tracker = cf.Tracker(scene, lag=2.0)
-    # An empty message ends the stream; an instant waits half a second for cameras that are late.
+    # An empty message ends the stream; an instant waits half a second for late cameras.
     for record in cf.watch(iter(lines.get, ""), tracker, names, frame_rate=rate, timeout=0.5):
         client.publish(f"people/{record['type']}", json.dumps(record), qos=1).wait_for_publish()
     client.loop_stop()

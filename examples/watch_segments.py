@@ -1,11 +1,11 @@
-"""Track people live in a folder to which cameras write segments of video.
+"""Track people live in a folder to which cameras write video segments.
 
     ffmpeg -i rtsp://NORTH -c copy -f segment -segment_time 10 live/north/%06d.mp4   # per camera
     python examples/watch_segments.py live scene.json | tee people.jsonl
 
 A segment is read when all cameras have finished it, that is, when the next one exists; a file
-`live/end` says that all of them are finished. People are found by background subtraction, learned
-from the first segment: take a detector of your own for better boxes.
+`live/end` says that all segments are finished. People are found by background subtraction, learned
+from the first segment: use your own detector for better boxes.
 """
 
 import argparse
@@ -27,7 +27,7 @@ def images(path: Path) -> Iterator[cv2.typing.MatLike]:
 
 
 def segments(cameras: list[Path]) -> Iterator[list[Path]]:
-    """Yield the files of all cameras for one stretch of time, as soon as they are finished."""
+    """Yield the files of all cameras for one stretch of time, once they are finished."""
     done = 0
     while True:
         ended = (cameras[0].parent / "end").exists()
@@ -41,12 +41,12 @@ def segments(cameras: list[Path]) -> Iterator[list[Path]]:
 
 
 def lines(cameras: list[Path], frame_rate: float) -> Iterator[str]:
-    """Yield the boxes of every picture as a line of JSON."""
+    """Yield the boxes of each picture as a line of JSON."""
     detectors, frame = None, 0
     for stretch in segments(cameras):
         if detectors is None:
             detectors = [cf.adapters.BackgroundDetector().fit(images(path)) for path in stretch]
-        # Until the shortest file ends.
+        # Stop at the end of the shortest file.
         for pictures in zip(*map(images, stretch), strict=False):
             for camera, detector, picture in zip(cameras, detectors, pictures, strict=True):
                 boxes, at = detector(picture).box.tolist(), frame / frame_rate

@@ -1,9 +1,9 @@
-"""Run the notebooks beside this file and store their outputs, without what differs between runs.
+"""Run the notebooks in this folder and store their outputs, without parts that vary by run.
 
     python examples/notebooks/refresh.py               # all of them
     python examples/notebooks/refresh.py 1_first_steps.ipynb
 
-It needs `pip install 'catfree[notebooks]'`.
+Needs `pip install 'catfree[notebooks]'`.
 """
 
 import sys
@@ -25,10 +25,10 @@ def execute(path, folder):
 
     Args:
         path: the notebook.
-        folder: where its code runs.
+        folder: folder in which its code runs.
 
     Returns:
-        The notebook with its outputs, as it is stored.
+        The notebook with its outputs, ready to store.
 
     Raises:
         CellExecutionError: if a cell fails.
@@ -46,7 +46,7 @@ def execute(path, folder):
 
 
 def normalized(notebook):
-    """The notebook without metadata that editors and kernels leave behind."""
+    """Remove metadata that editors and kernels leave in a notebook."""
     notebook.metadata = nbformat.from_dict(METADATA)
     for cell in notebook.cells:
         cell.metadata = nbformat.from_dict({})
@@ -57,7 +57,7 @@ def normalized(notebook):
 
 
 def main(names):
-    """Refresh the notebooks of these names, or all of them."""
+    """Refresh the named notebooks, or all of them."""
     for path in [HERE / name for name in names] or sorted(HERE.glob("*.ipynb")):
         with tempfile.TemporaryDirectory() as folder:
             notebook = execute(path, folder)
