@@ -1,9 +1,9 @@
-"""Confident and wrong: rigs from boxes that break an assumption, and what is expected of them.
+"""Find rigs that are confident but wrong, from boxes that break an assumption.
 
-Each draw is a simulated world whose boxes are spoiled in one way. A rig is calibrated from them,
-people are tracked with it, and the largest error of a camera center after a similarity is compared
-with the label-free expectation of MODA. `python -m benchmarks.adversarial [--draws N]` prints one
-row a draw, a table by kind, and every draw whose rig is off by more than 1 m while the expectation
+Each draw is a simulated world whose boxes are spoiled in one way. A rig is calibrated from them and
+people are tracked with it; the largest error of a camera center after a similarity is compared with
+the label-free expectation of MODA. `python -m benchmarks.adversarial [--draws N]` prints one row
+per draw, a table by kind, and every draw whose rig is off by more than 1 m although the expectation
 is above 70: there must be none.
 """
 
@@ -30,14 +30,14 @@ SURE = 70.0  # percent
 
 @dataclass(frozen=True)
 class Input:
-    """What a calibration gets, and the truth.
+    """Input of a calibration, and the truth.
 
     Attributes:
-        boxes: of all cameras.
-        size: (C, 2) image widths and heights as stated.
+        boxes: boxes of all cameras.
+        size: (C, 2) stated image widths and heights.
         centers: (C, 3) true camera centers in meters.
-        truth: (N, 4) frame, identity and ground position of everybody who is to be found.
-        world: where the boxes are from.
+        truth: (N, 4) frame, identity and ground position of everyone to be found.
+        world: source of the boxes.
     """
 
     boxes: cf.Detections
@@ -47,7 +47,7 @@ class Input:
     world: World
 
     def with_boxes(self, boxes: cf.Detections) -> "Input":
-        """The same input with other boxes."""
+        """Replace the boxes."""
         return dataclasses.replace(self, boxes=boxes)
 
 
@@ -59,7 +59,7 @@ def _some(given: Input, rng: np.random.Generator, count: int) -> Int[np.ndarray,
 
 
 def _at_times(given: Input, camera: int, times: Int[np.ndarray, " frame"]) -> Input:
-    """The frames of one camera at other times; those at negative times are lost."""
+    """Move the frames of one camera to other times, dropping those at negative times."""
     boxes = given.boxes
     mine = boxes.camera == camera
     frame = np.where(mine, times[boxes.frame], boxes.frame)
@@ -84,7 +84,7 @@ def _bent(given: Input, rng: np.random.Generator, k1: float, *, one: bool = Fals
 
 
 def _lowered(given: Input, rng: np.random.Generator) -> Input:
-    """A crowd of children: every box has 0.7 of its height and width."""
+    """Replace the crowd by children: every box has 0.7 of its height and width."""
     box = np.array(given.boxes.box)
     middle, half = (box[:, 0] + box[:, 2]) / 2, 0.35 * (box[:, 2] - box[:, 0])
     box[:, 0], box[:, 2] = middle - half, middle + half
@@ -93,7 +93,7 @@ def _lowered(given: Input, rng: np.random.Generator) -> Input:
 
 
 def _bumped(given: Input, rng: np.random.Generator) -> Input:
-    """One camera is turned by 60 pixels halfway."""
+    """Turn one camera by 60 pixels halfway."""
     boxes, angle = given.boxes, rng.uniform(0, 2 * np.pi)
     later = boxes.frame >= len(given.world.walkers.position) // 2
     moved = later & (boxes.camera == _some(given, rng, 1)[0])
@@ -102,7 +102,7 @@ def _bumped(given: Input, rng: np.random.Generator) -> Input:
 
 
 def _twice(given: Input, rng: np.random.Generator) -> Input:
-    """One camera is given as two."""
+    """Pass one camera as two."""
     camera = int(_some(given, rng, 1)[0])
     again = given.boxes[given.boxes.camera == camera]
     parts = (given.boxes, dataclasses.replace(again, camera=again.camera * 0 + len(given.size)))
@@ -119,7 +119,7 @@ def _twice(given: Input, rng: np.random.Generator) -> Input:
 
 
 def _on_a_line(given: Input, rng: np.random.Generator) -> Input:
-    """Only the people within a strip 0.8 m wide, while they are in it."""
+    """Keep only people in a strip 0.8 m wide, while they are in it."""
     walkers, who = given.world.walkers, given.world.identities
     across = rng.normal(size=2)
     across /= np.linalg.norm(across)
@@ -134,7 +134,7 @@ def _few_frames(given: Input, rng: np.random.Generator) -> Input:
 
 
 def _swapped_sizes(given: Input, rng: np.random.Generator) -> Input:
-    """Two cameras' image sizes are exchanged, one of which is half as large."""
+    """Swap the image sizes of two cameras, one of which is half as large."""
     one, other = _some(given, rng, 2)
     boxes, size = given.boxes, given.size.copy()
     scale = np.where(boxes.camera == one, 0.5, 1.0)
@@ -158,7 +158,7 @@ def _mirrored(given: Input, rng: np.random.Generator) -> Input:
 
 
 def _drifting(given: Input, rng: np.random.Generator) -> Input:
-    """One camera's recorder loses every n-th frame, so that it falls behind."""
+    """Drop every n-th frame of one camera's recorder, so that it falls behind."""
     frames = np.arange(len(given.world.walkers.position))
     every = int(rng.integers(15, 50))
     times = np.where(frames % every == every - 1, -1, frames - frames // every)
@@ -166,7 +166,7 @@ def _drifting(given: Input, rng: np.random.Generator) -> Input:
 
 
 def _portrait(given: Input, rng: np.random.Generator) -> Input:
-    """Every camera shows the upright middle of its picture."""
+    """Crop every camera's picture to its upright middle."""
     boxes, size = given.boxes, given.size.copy()
     size[:, 0] = np.minimum(size[:, 0], size[:, 1] * 9 // 16)
     left = ((given.size - size)[:, 0] // 2)[boxes.camera]
@@ -178,7 +178,7 @@ def _portrait(given: Input, rng: np.random.Generator) -> Input:
 
 
 def _standing(given: Input, rng: np.random.Generator) -> Input:
-    """Everybody stands, and walks to another place at most once."""
+    """Let everyone stand, and walk to another place at most once."""
     frames = len(given.world.walkers.position)
     half, parts, truth = frames // 2, [], []
     for frame in range(frames):
@@ -227,18 +227,18 @@ SPOILERS: dict[str, tuple[Spoiler, int | None]] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a draw.
+    """Result of a draw.
 
     Attributes:
         kind: how it was spoiled.
-        registered, cameras: cameras placed, and how many there are.
+        registered, cameras: numbers of registered and of all cameras.
         off: largest error of a camera center after a similarity, in meters; NaN with fewer than
             three cameras.
         scale: estimated over true length.
-        scale_sd: its stated deviation.
+        scale_sd: stated standard deviation of the scale.
         moda: percent, aligned by the same similarity.
-        expected: label-free expectation of it; NaN where nothing is expected.
-        said: what the result says about it, or why there is no rig.
+        expected: label-free expectation of MODA; NaN without one.
+        said: warnings of the result, or why there is no rig.
     """
 
     kind: str
@@ -253,12 +253,12 @@ class Outcome:
 
     @property
     def is_confident_and_wrong(self) -> bool:
-        """Whether the rig is off although much is expected of it."""
+        """Whether the rig is off despite a high expectation."""
         return self.off > OFF and self.expected > SURE
 
 
 def draw(number: int, kinds: list[str]) -> tuple[str, Input]:
-    """The spoiled input of a number."""
+    """Make the spoiled input of this number."""
     kind = kinds[number % len(kinds)]
     spoil, people = SPOILERS[kind]
     rng = np.random.default_rng([number, 5])
@@ -287,7 +287,7 @@ def outcome(kind: str, given: Input) -> Outcome:
         return Outcome(kind, 0, count, said=str(error))
     rig = calibration.scene.rig
     known = np.asarray(rig.registered)
-    if known.sum() < 3:  # any two cameras fit any other two
+    if known.sum() < 3:  # two cameras fit any other two
         return Outcome(kind, int(known.sum()), count, said="Two cameras cannot be compared.")
     found, true = np.asarray(rig.centers)[known], given.centers[known]
     similarity = fit_similarity(found, true)
@@ -310,7 +310,7 @@ def outcome(kind: str, given: Input) -> Outcome:
 
 
 def main() -> None:
-    """Print one row a draw, and the table."""
+    """Print one row per draw, and the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)

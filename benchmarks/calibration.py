@@ -1,9 +1,9 @@
-"""Accuracy of a rig recovered from simulated pedestrians alone.
+"""Measure the accuracy of rigs recovered from simulated pedestrians alone.
 
-Worlds differ in number and layout of cameras, length, and noise of the boxes; some boxes are
-truncated and a tenth are false. The crowd of each world is drawn a few percent taller or shorter
-than the 1.70 m that the calibration assumes, which boxes cannot reveal: the scale error is printed
-as it is, and as it would be with the true mean height of the crowd. `--registration` skips the
+The worlds vary the number and layout of cameras, the length, and the noise of the boxes; some boxes
+are truncated and a tenth are false. The crowd of each world is a few percent taller or shorter than
+the 1.70 m that the calibration assumes, which boxes cannot reveal: the scale error is printed as
+measured, and as it would be with the true mean height of the crowd. `--registration` skips the
 evidence loop; `--quick` uses every fourth world.
 """
 
@@ -23,7 +23,7 @@ from catfree.synthetic import DetectorModel, make_world
 
 @dataclass(frozen=True)
 class Case:
-    """One simulated world: a layout's name, its length and the noise of its boxes in pixels."""
+    """One simulated world: layout, length, and box noise in pixels."""
 
     layout: str
     frames: int
@@ -33,15 +33,15 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of it.
+    """Result for one world.
 
     Attributes:
-        registered, cameras: cameras placed, and how many there are.
-        center_error: mean centre error after a similarity, in metres.
-        focal_error: mean relative error.
-        scale_error: relative.
-        scale_error_known_height: what is left when the crowd's mean height is known.
-        scale_sd: the deviation that the calibration states.
+        registered, cameras: numbers of registered and of all cameras.
+        center_error: mean center error after a similarity, in meters.
+        focal_error: mean relative error of the focal lengths.
+        scale_error: relative error of the scale.
+        scale_error_known_height: remaining error if the crowd's mean height is known.
+        scale_sd: stated standard deviation of the scale.
         seconds: wall time.
     """
 
@@ -74,7 +74,7 @@ CASES = [
 
 
 def run_case(case: Case, settings: CalibrationSettings) -> Outcome:
-    """Simulate, calibrate, compare."""
+    """Simulate, calibrate and compare."""
     detector = DetectorModel(pixel_noise=case.pixel_noise, embedding_size=0, false_positives=1.2)
     world = make_world(case.layout, case.seed, frames=case.frames, detector=detector)
     truth = world.true_rig
@@ -109,11 +109,11 @@ def run_case(case: Case, settings: CalibrationSettings) -> Outcome:
 
 @dataclass(frozen=True)
 class Summary:
-    """What came of all worlds together.
+    """Result for all worlds together.
 
     Attributes:
-        complete: percent of the worlds in which every camera was placed.
-        center_error, center_error_p90: median and 90th percentile in metres.
+        complete: percent of the worlds in which every camera was registered.
+        center_error, center_error_p90: median and 90th percentile in meters.
         focal_error: median in percent.
         scale_error, scale_error_worst: median and largest in percent.
         scale_error_known_height: median in percent.
@@ -131,7 +131,7 @@ class Summary:
 
 
 def summarize(outcomes: Sequence[Outcome]) -> Summary:
-    """Quantiles over worlds; those without a rig count as incomplete and not covered alone."""
+    """Compute quantiles; worlds without a rig count only as incomplete and not covered."""
     center = [o.center_error for o in outcomes]
     scale = np.abs([o.scale_error for o in outcomes])
     known = np.abs([o.scale_error_known_height for o in outcomes])
@@ -148,7 +148,7 @@ def summarize(outcomes: Sequence[Outcome]) -> Summary:
 
 
 def main() -> None:
-    """Print one line a world and the summary."""
+    """Print one line per world and the summary."""
     cases = CASES[::4] if "--quick" in sys.argv else CASES
     rounds = 0 if "--registration" in sys.argv else CalibrationSettings().evidence_rounds
     settings = CalibrationSettings(evidence_rounds=rounds)

@@ -1,6 +1,6 @@
 """Rigs from parts of a sequence: `python -m benchmarks.calibration_parts DATA --only wildtrack`.
 
-Tests how the length and the time of recording matter. Every part (halves, thirds, quarters, and
+Tests how the length and the time of recording matter. Each part (halves, thirds, quarters, and
 halves that begin in between) is calibrated from its own boxes alone. DATA as in
 `benchmarks.methods`; uses real sequences of more than 100 frames, once per set of boxes.
 """
@@ -27,7 +27,7 @@ PARTS = [
 
 
 def part(sequence: Sequence, begin: float, end: float) -> Sequence:
-    """Consecutive frames of a sequence, given as shares of its length."""
+    """Select consecutive frames of a sequence, given as fractions of its length."""
     first, last = (round(share * len(sequence.frames)) for share in (begin, end))
     frames = sequence.frames[first:last]
     truth = sequence.ground_truth
@@ -42,17 +42,18 @@ def part(sequence: Sequence, begin: float, end: float) -> Sequence:
 
 @dataclasses.dataclass(frozen=True)
 class Recovered:
-    """A rig from people alone beside the true one, and what is localized with it.
+    """A rig from people alone compared with the true one, and the result of localizing with it.
 
     Attributes:
-        registered: cameras that were placed.
-        cameras: how many there are.
-        center_error: (registered,) distance to the true centres in metres after a similarity; empty
-            below three cameras, as all that follows is NaN: two centres fit any two others.
-        scale: length found for a true metre.
-        scale_sd: its standard deviation as the calibration states it.
-        moda_similarity: MODA in percent after a similarity of the camera centres.
-        moda_rigid: the same with the scale as found.
+        registered: number of registered cameras.
+        cameras: number of all cameras.
+        center_error: (registered,) distance to the true centers in meters after a similarity;
+            empty, and the following values NaN, for fewer than three cameras: two centers fit any
+            two others.
+        scale: estimated length of a true meter.
+        scale_sd: stated standard deviation of the scale.
+        moda_similarity: MODA in percent after a similarity of the camera centers.
+        moda_rigid: the same, keeping the estimated scale.
         seconds: CPU time of the calibration.
     """
 
@@ -70,7 +71,7 @@ def recover(sequence: Sequence) -> Recovered:
     """Calibrate from the boxes of a sequence alone, localize, and score both.
 
     Raises:
-        CatFreeError: if the calibration refuses.
+        CatFreeError: if the calibration fails.
     """
     start = time.process_time()
     found = cf.calibrate(sequence.detections, np.asarray(sequence.scene.rig.image_size))
@@ -99,7 +100,7 @@ def recover(sequence: Sequence) -> Recovered:
 
 
 def row(sequence: Sequence) -> str:
-    """One line of the table."""
+    """Format one line of the table."""
     given = score(cf.localize(sequence.detections, sequence.scene), sequence).moda
     head = f"| {sequence.name} | {len(sequence.frames)} |"
     try:

@@ -1,15 +1,15 @@
-"""Cameras that turn and clocks that go wrong: `python -m benchmarks.check [DATA] [--worlds N]`.
+"""Detect cameras that turn and clocks that drift: `python -m benchmarks.check [DATA] [--worlds N]`.
 
-One camera of every recording turns about a random axis in the middle: how often `cf.check` finds
-it, how often it blames another camera, and how far off the angle and the time are. The recordings
-without any turn give the false alarms. Then one camera of simulated minutes is late by fractions of
-a frame up to 20 frames, or its clock runs fast or slow: errors of `cf.estimate_clocks`, and the
-share within two stated standard deviations.
+In every recording, one camera turns about a random axis in the middle. Measured: how often
+`cf.check` finds it or blames another camera, and the errors of the angle and the time. Recordings
+without a turn give the false alarms. Then one camera of simulated minutes is late by fractions of a
+frame up to 20 frames, or its clock runs fast or slow. Measured: errors of `cf.estimate_clocks`, and
+the share within two stated standard deviations.
 
-`--still FIRST END` instead checks simulated recordings in which nothing happens, of these numbers
-and of 12 to 30 minutes, and counts the false alarms; a hundred take an hour.
+`--still FIRST END` instead checks simulated recordings in which nothing happens, with these numbers
+and 12 to 30 minutes long, and counts the false alarms; a hundred take an hour.
 
-DATA is the folder with the real sequences; without it, worlds are simulated only.
+DATA is the folder with the real sequences; without it, only simulated worlds are used.
 """
 
 import argparse
@@ -38,13 +38,13 @@ REAL = ("cmc1", "cmc3", "wildtrack_0_715")
 
 
 class Recording(NamedTuple):
-    """A recording on a clock, with cameras that stand still.
+    """A recording on a clock, with cameras that do not move.
 
     Attributes:
-        name: for the table.
-        scene: given cameras.
-        detections: with a clock.
-        hours: its length.
+        name: name for the table.
+        scene: given cameras and ground.
+        detections: boxes with a clock.
+        hours: length.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Recording(NamedTuple):
 
 
 def simulated(numbers: Iterable[int], frames: int = FRAMES) -> Iterator[Recording]:
-    """Worlds with the usual errors of a rig from reconstructions, or with none."""
+    """Simulate worlds with the usual errors of a reconstructed rig, or with none."""
     for number in numbers:
         error = RigError() if number % 2 else RigError(0.0, 0.0, 0.0, 0.0, 0.0)
         layout = LAYOUTS[number // 2 % len(LAYOUTS)]
@@ -66,7 +66,7 @@ def simulated(numbers: Iterable[int], frames: int = FRAMES) -> Iterator[Recordin
 
 
 def real(data: Path) -> Iterator[Recording]:
-    """The real sequences with their given cameras."""
+    """Read the real sequences with their given cameras."""
     for name in REAL:
         sequence = read_uniform_json(data / "real" / f"{name}.json")
         assert sequence.scene is not None
@@ -80,7 +80,7 @@ def real(data: Path) -> Iterator[Recording]:
 def turned(
     recording: Recording, camera: int, turn: Float[np.ndarray, "3"], since: int
 ) -> cf.Detections:
-    """The boxes as if a camera turned by a rotation vector; lens distortion is left out."""
+    """Change the boxes as if a camera turned by a rotation vector, ignoring lens distortion."""
     boxes, rig = recording.detections, recording.scene.rig
     K = np.asarray(rig.K, float)[camera]
     change = K @ Rotation.from_rotvec(turn).as_matrix() @ np.linalg.inv(K)
@@ -143,7 +143,7 @@ def turns(recordings: Iterable[Recording], rng: np.random.Generator) -> None:
 
 
 def still(recordings: Iterable[Recording]) -> None:
-    """Print how often a camera that stands still is said to have moved, by kind of recording."""
+    """Print how often a camera that does not move is said to have moved, by kind of recording."""
     alarms: dict[str, int] = defaultdict(int)
     hours: dict[str, float] = defaultdict(float)
     for recording in recordings:
@@ -157,9 +157,9 @@ def still(recordings: Iterable[Recording]) -> None:
 def late_world(
     world: World, camera: int, lag: Callable[[Float[np.ndarray, " t"]], Float[np.ndarray, " t"]]
 ) -> cf.Detections:
-    """The detections of a world whose camera shows earlier instants, between frames.
+    """Simulate detections of a world in which one camera shows earlier instants, between frames.
 
-    Frames that would show instants before the first or after the last one are missing.
+    Frames that would show instants before the first or after the last are missing.
     """
     walkers = world.walkers
     count = len(walkers.present)
@@ -194,7 +194,7 @@ def late_world(
 
 
 def clocks(count: int, people: int, *, disturbed: bool) -> None:
-    """Print errors of offsets and rates, and how many are within two standard deviations."""
+    """Print errors of offsets and rates, and the share within two standard deviations."""
     cases = [(lag, 0.0) for lag in LAGS] + [(0.0, rate) for rate in RATES]
     print("offset, rate: worst and RMS error of the offset (frames), of the rate, share in 2 sd")
     for offset, rate in cases:
@@ -232,7 +232,7 @@ def clocks(count: int, people: int, *, disturbed: bool) -> None:
 
 
 def main() -> None:
-    """Run all of it."""
+    """Run all measurements."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", nargs="?", type=Path)
     parser.add_argument("--worlds", type=int, default=20)

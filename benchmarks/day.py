@@ -1,8 +1,8 @@
-"""Long recordings in shards: `python -m benchmarks.day --hours 24`.
+"""Measure long recordings in shards: `python -m benchmarks.day --hours 24`.
 
 Boxes of four simulated cameras at five frames per second are made in stretches, run in shards by
-two processes and joined. Printed are the throughput, the memory of a worker, how many people keep
-one identity over all shards that they cross, and, for the first hour, the difference from one run
+two processes, and joined. Prints the throughput, the memory of a worker, how many people keep one
+identity over all shards that they cross and, for the first hour, the difference from one run
 without shards. `--dask` compares two Dask workers with one process on the same shards.
 """
 
@@ -26,7 +26,7 @@ from catfree.synthetic import DetectorModel, make_layout, make_world
 from catfree.types import Detections
 
 RATE = 5
-STRETCH = 5_000  # frames that are simulated at a time; not a multiple of a shard's
+STRETCH = 5_000  # frames to simulate at a time; not a multiple of a shard's length
 LAYOUT = make_layout("ring4", 0)
 
 
@@ -47,13 +47,13 @@ def simulate(folder: str, stretch: int, frames: int, people: int, embedding: int
 
 
 def peak_memory(_: int) -> tuple[int, float]:
-    """Process and the most memory that it ever held, in GB."""
-    time.sleep(0.5)  # so that each worker answers
+    """Return the process id and its peak memory in GB."""
+    time.sleep(0.5)  # so each worker gets a task
     return os.getpid(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
 
 
 def kept_identity(truth: np.ndarray, rows: np.ndarray, cuts: np.ndarray) -> tuple[int, int]:
-    """People who cross a cut, and how many of them have one identity in all their shards."""
+    """Count people who cross a cut, and those with one identity in all their shards."""
     sequence = read_sequence(truth, rows, np.unique(truth[:, 0]), identified=True)
     at, found = matched_rows(sequence, 0.5)
     person, frame = truth[at, 1].astype(int), truth[at, 0]

@@ -1,11 +1,11 @@
-"""Scores of the evidence method with each ingredient switched off.
+"""Score the evidence method with each ingredient switched off.
 
     python benchmarks/evidence_ablation.py DATA [DATA ...]
     python benchmarks/evidence_ablation.py --constants DATA [DATA ...]
 
-Each DATA is a uniform JSON file or a scenario folder (see `catfree.adapters`). Measured: MODA,
-and IDF1 after the slash, with the true rig on the first two (the room with Faster R-CNN boxes)
-and a disturbed one on the others:
+Each DATA is a uniform JSON file or a scenario folder (see `catfree.adapters`). Measured: MODA, and
+IDF1 after the slash, with the true rig on the first two (the room with Faster R-CNN boxes) and a
+disturbed rig on the others:
 
 | without | WildTrack 0-715 | room, 15 people | uneven7 | gmvd8 |
 |---|---|---|---|---|
@@ -60,7 +60,7 @@ WITHOUT: dict[str, dict[str, float | bool]] = {
 
 
 def localized(sequence: Sequence, settings: EvidenceSettings) -> tuple[float, float | None]:
-    """MODA at 0.5 m in the evaluation area, and IDF1 where people have identities."""
+    """Compute MODA at 0.5 m in the evaluation area, and IDF1 if people have identities."""
     detections = sequence.detections
     if detections.score is not None:
         detections = detections[detections.score >= 0.3]
@@ -79,13 +79,13 @@ def localized(sequence: Sequence, settings: EvidenceSettings) -> tuple[float, fl
 
 
 def scores(sequence: Sequence, settings: EvidenceSettings) -> str:
-    """A cell of the table of ingredients."""
+    """Format a cell of the table of ingredients."""
     moda, idf1 = localized(sequence, settings)
     return f"{moda:.1f}" if idf1 is None else f"{moda:.1f} / {idf1:.1f}"
 
 
 def scaled(value: object, factor: float) -> object:
-    """A constant times a factor; shares and probabilities stay below one."""
+    """Multiply a constant by a factor; shares and probabilities stay below one."""
     if isinstance(value, tuple):
         return tuple(scaled(part, factor) for part in value)
     if isinstance(value, int):
@@ -95,7 +95,7 @@ def scaled(value: object, factor: float) -> object:
 
 
 def effects(sequences: list[Sequence]) -> dict[str, list[float]]:
-    """Mean change of MODA with each constant halved and doubled."""
+    """Compute the mean change of MODA with each constant halved and doubled."""
     usual = EvidenceSettings()
     before = np.array([localized(sequence, usual)[0] for sequence in sequences])
     found: dict[str, list[float]] = {}

@@ -1,11 +1,12 @@
-"""Incorrect correspondences that both filters accept: the paper's Table "failure".
+"""Count wrong correspondences that both filters accept: the paper's Table "failure".
 
-Two cameras are placed at random on a circle of 20 m diameter, 3 m above the floor; two people a
-fixed distance apart have their midpoint anywhere in a square of 10 m around the center. One
-camera's ray to the first person is paired with the other camera's ray to the second, each turned by
-a normal angle about a random perpendicular axis, and triangulated by least squares. The table gives
-the percentage of those wrong pairs whose sigma, and whose sigma and ground distance, stay below the
-thresholds that the paper measured on WildTrack, by the angle between the two baselines.
+Two cameras are placed at random on a circle of 20 m diameter, 3 m above the floor. The midpoint of
+two people, who are a fixed distance apart, is anywhere in a square of 10 m around the center. One
+camera's ray to the first person is paired with the other camera's ray to the second. Each ray is
+turned by a normal angle about a random perpendicular axis, and the pair is triangulated by least
+squares. The table gives the percentage of these wrong pairs whose sigma, and whose sigma and ground
+distance, stay below the thresholds that the paper measured on WildTrack, by the angle between the
+two baselines.
 
     python benchmarks/failure_table.py
 """
@@ -22,7 +23,7 @@ import numpy as np
 
 from catfree import Plane, geometry
 
-CIRCLE_RADIUS = 10.0  # metres
+CIRCLE_RADIUS = 10.0  # meters
 CAMERA_HEIGHT = 3.0
 MIDPOINT_RANGE = 5.0
 SIGMA_THETA = 0.0206
@@ -31,7 +32,7 @@ SIGMA_THRESHOLD = 2.78 * SUPPRESSION_RADIUS
 GROUND_THRESHOLD = 0.53 * SUPPRESSION_RADIUS
 ANGLE_EDGES = (0, 10, 30, 45, 60, 75, 90)  # degrees
 TOLERANCE = 1.0  # percentage points
-# Separation in metres to the paper's percentages, one an angle bin.
+# The paper's percentages, one per angle bin, by separation in meters.
 PAPER = {
     0.5: ((93.4, 93.3, 93.1, 93.4, 93.2, 93.3), (64.2, 65.1, 68.1, 72.0, 75.0, 77.4)),
     1.0: ((93.5, 93.5, 93.6, 93.9, 93.8, 93.8), (40.1, 42.4, 49.1, 57.8, 66.1, 72.0)),
@@ -40,7 +41,7 @@ PAPER = {
 
 
 class Pair(NamedTuple):
-    """One incorrect pair: its two statistics in metres and phi in degrees."""
+    """A wrong pair: its two statistics in meters, and phi in degrees."""
 
     sigma: jax.Array
     ground_distance: jax.Array
@@ -48,7 +49,7 @@ class Pair(NamedTuple):
 
 
 def turn(direction: jax.Array, angle: jax.Array, roll: jax.Array) -> jax.Array:
-    """A unit vector turned by an angle towards the perpendicular direction with this roll."""
+    """Turn a unit vector by an angle towards the perpendicular direction with this roll."""
     seed = jnp.where(jnp.abs(direction[2]) < 0.9, jnp.eye(3)[2], jnp.eye(3)[0])
     first = jnp.cross(direction, seed)
     first = first / jnp.linalg.norm(first)
@@ -57,7 +58,7 @@ def turn(direction: jax.Array, angle: jax.Array, roll: jax.Array) -> jax.Array:
 
 
 def incorrect_pair(key: jax.Array, separation: float, floor: Plane) -> Pair:
-    """Draw two cameras and two people, and pair the rays that do not belong together."""
+    """Draw two cameras and two people, and pair the rays to different people."""
     keys = jax.random.split(key, 5)
     azimuth = jax.random.uniform(keys[0], (2,), maxval=2 * math.pi)
     cameras = jnp.stack(
@@ -95,7 +96,7 @@ incorrect_pairs = jax.jit(jax.vmap(incorrect_pair, (0, None, None)))
 
 
 def survival(separation: float, samples: int, seed: int) -> np.ndarray:
-    """(2, 6) percentage of incorrect pairs that pass the first and both filters, by angle."""
+    """Compute the percentages (2, 6) of wrong pairs passing the first and both filters, by angle."""
     floor = Plane(np.array([0.0, 0.0, 1.0], np.float32), np.float32(0))
     keys = jax.random.split(jax.random.key(seed), samples)
     pairs = jax.tree.map(np.asarray, incorrect_pairs(keys, separation, floor))
@@ -111,7 +112,7 @@ def survival(separation: float, samples: int, seed: int) -> np.ndarray:
 
 
 def main() -> int:
-    """Print our table beside the paper's; exit status 1 if a cell is farther than the tolerance."""
+    """Print our table beside the paper's; return 1 if a cell is off by more than the tolerance."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=200_000, help="pairs a separation")
     parser.add_argument("--seed", type=int, default=0)

@@ -1,7 +1,7 @@
-"""All figures in the README, as suites that `benchmarks.gate` runs.
+"""All figures in the README, as suites for `benchmarks.gate`.
 
-A suite works on one sequence, or on one kind of simulated world: it localizes or calibrates once
-and returns all figures that follow. Keys are the suite's name, a slash, and the figure's name.
+A suite works on one sequence or one kind of simulated world: it localizes or calibrates once and
+returns all resulting figures. Keys are the suite's name, a slash, and the figure's name.
 """
 
 import dataclasses
@@ -36,7 +36,7 @@ REAL = (WILDTRACK, *ROOMS, *(f"{name} FairMOT" for name in ROOMS))
 MULTIVIEWX = ("multiviewx_demo10_yolo26x", "multiviewx_demo10_yolo26x OSNet")
 SCENES = tuple(f"public_{name}" for name in ("gmvd8", "mvx6", "ring5", "uneven7"))
 BARE = tuple(f"{name} (no embeddings)" for name in SCENES)
-OFF = {"rotation_deg": 1.0, "centre": 0.3, "focal": 0.02}  # of WildTrack's disturbed rigs
+OFF = {"rotation_deg": 1.0, "centre": 0.3, "focal": 0.02}  # errors of WildTrack's disturbed rigs
 TWIN_SEEDS = (0, 1, 2)
 CAMPUS = "real/epfl_campus4"
 TERRACE = "real/epfl_terrace"
@@ -48,10 +48,10 @@ class Suite:
     """Figures that are measured together.
 
     Attributes:
-        name: unique; begins the key of each figure.
-        measure: the figures by name, from the folder of the data.
-        needs: what it reads below that folder, or None.
-        quick: whether it takes seconds.
+        name: unique name, with which the key of each figure begins.
+        measure: computes the figures by name from the data folder.
+        needs: path that it reads in the data folder, or None.
+        quick: whether it takes only seconds.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Suite:
     quick: bool = False
 
     def missing(self, data: Path | None) -> str:
-        """Why it cannot run for want of data; "" if it can."""
+        """Say which data the suite lacks; "" if none."""
         if self.needs is None:
             return ""
         if data is None:
@@ -69,7 +69,7 @@ class Suite:
 
 
 def file_of(name: str) -> str:
-    """Where the data folder holds a sequence, by the name that `methods.sequences` gives it."""
+    """Return the path of a sequence in the data folder, from its name in `methods.sequences`."""
     stem = name.split(" ")[0]
     return f"scenarios/{stem}" if stem.startswith("public_") else f"real/{stem}.json"
 
@@ -84,11 +84,11 @@ def _sequence(data: Path | None, name: str) -> Sequence:
     return _sequences(data)[name]
 
 
-# With the rig that is given.
+# With the given rig.
 
 
 def given(name: str, data: Path | None) -> Figures:
-    """Both methods with the rig that the data give: the README's table "What to expect"."""
+    """Run both methods with the given rig: the README's table "What to expect"."""
     sequence = _sequence(data, name)
     assert data is not None
     figures: dict[str, float] = {}
@@ -107,9 +107,9 @@ def given(name: str, data: Path | None) -> Figures:
 
 
 def tracked_area(path: Path) -> tuple[float, float, float, float] | None:
-    """The part of a room in which the file's note says people were annotated; None without one.
+    """Read from the file's note in which part of a room people were annotated; None without one.
 
-    The rooms hold people at desks beyond it: seen by all cameras, annotated by nobody.
+    The rooms contain people at desks beyond it, who are seen by all cameras but not annotated.
     """
     if not path.is_file():
         return None
@@ -130,7 +130,7 @@ def _scores(found: Score) -> Figures:
 
 
 def _expectation(result: cf.Localization, moda: float) -> Figures:
-    """Whether the MODA that was announced without labels came true."""
+    """Compare the MODA expected without labels with the measured one."""
     told = result.reliability
     if told.expected_moda is None or not np.isfinite(told.expected_moda):
         return {}
@@ -154,7 +154,7 @@ def _labelled(label: str, figures: Figures) -> Figures:
 
 
 def from_people(name: str, data: Path | None) -> Figures:
-    """A rig from the boxes of a sequence: the README's table "From people alone"."""
+    """Calibrate from the boxes of a sequence: the README's table "From people alone"."""
     return _recovered(recover(_sequence(data, name)))
 
 
@@ -173,7 +173,7 @@ def _recovered(found: Recovered) -> Figures:
 
 
 def refined(seed: int, names: tuple[str, ...], data: Path | None) -> Figures:
-    """WildTrack's true rig disturbed, then refined by the methods of these names."""
+    """Disturb WildTrack's true rig, then refine it with each of these methods."""
     sequence = _sequence(data, WILDTRACK)
     scene, true_centers = sequence.scene, np.asarray(sequence.scene.rig.centers)
     wrong = dataclasses.replace(scene, rig=disturb(scene.rig, **OFF, seed=seed))
@@ -185,7 +185,7 @@ def refined(seed: int, names: tuple[str, ...], data: Path | None) -> Figures:
 
 
 def refined_scene(name: str, names: tuple[str, ...], data: Path | None) -> Figures:
-    """A rig that the data give, refined by the methods of these names and then used by them."""
+    """Refine the given rig with each of these methods, then localize with it."""
     sequence = _sequence(data, name)
     figures: dict[str, float] = {}
     for method in names:
@@ -200,7 +200,7 @@ def refined_scene(name: str, names: tuple[str, ...], data: Path | None) -> Figur
 
 
 def turned_cameras(layout: str, seed: int, data: Path | None) -> Figures:
-    """A world with the usual rig and with cameras off by a degree."""
+    """Localize in a world with the usual rig and with cameras off by a degree."""
     figures: dict[str, float] = {}
     for label, error in (("usual rig", None), ("off by 1°", RigError(rotation_deg=1.0))):
         paper, evidence = robustness.modas(robustness.simulated(layout, seed, rig_error=error))
@@ -209,19 +209,19 @@ def turned_cameras(layout: str, seed: int, data: Path | None) -> Figures:
 
 
 def honest_world(index: int, data: Path | None) -> Figures:
-    """Uncertainty and existence in one simulated world."""
+    """Check uncertainty and existence in one simulated world."""
     sequence = uncertainty.world(*uncertainty.WORLDS[index])
     tracks = cf.localize(sequence.detections, sequence.scene).tracks
     return _honesty(uncertainty.judge(tracks, sequence))
 
 
 def two_of_wildtrack(data: Path | None) -> Figures:
-    """WildTrack's first two cameras."""
+    """Localize with WildTrack's first two cameras."""
     return _two([_sequence(data, WILDTRACK)])
 
 
 def two_of_twins(data: Path | None) -> Figures:
-    """The first two cameras of its simulated twins."""
+    """Localize with the first two cameras of WildTrack's simulated twins."""
     return _two([twin("WildTrack", seed) for seed in TWIN_SEEDS])
 
 
@@ -231,7 +231,7 @@ def _two(sequences: list[Sequence]) -> Figures:
 
 
 def demo(seed: int, data: Path | None) -> Figures:
-    """The demo: rendered videos through the whole pipeline."""
+    """Run the demo: rendered videos through the whole pipeline."""
     with tempfile.TemporaryDirectory() as folder:
         _, (similarity, rigid) = run_demo(folder, seed, pictures=False)
     error = similarity.centre_error[np.isfinite(similarity.centre_error)]
@@ -247,7 +247,7 @@ def demo(seed: int, data: Path | None) -> Figures:
 
 
 def footage(networks: bool, data: Path | None) -> Figures:
-    """Real video of 360 x 288 pixels, every fifth frame, with the given rig and one from people."""
+    """Run every fifth frame of real 360 x 288 video, with the given rig and one from people."""
     assert data is not None
     truth = read_uniform_json(data / CAMPUS / "campus.json")
     paths = sorted((data / CAMPUS).glob("*.mp4"))
@@ -274,7 +274,7 @@ def footage(networks: bool, data: Path | None) -> Figures:
 
 
 def terrace(data: Path | None) -> Figures:
-    """A rig from the boxes that a detector of 2012 found on real video; people have no truth."""
+    """Calibrate from the boxes of a 2012 detector on real video; people have no truth."""
     assert data is not None
     truth = read_uniform_json(data / TERRACE / "terrace1_boxes.json")
     scene = cf.calibrate(truth.detections, truth.rig.image_size).scene
@@ -292,7 +292,7 @@ def terrace(data: Path | None) -> Figures:
 
 
 def _suites() -> list[Suite]:
-    """All, cheap ones first."""
+    """Return all suites, cheap ones first."""
     suites = [
         Suite(f"turned cameras/{layout}", partial(turned_cameras, layout, seed), quick=index == 0)
         for index, (layout, seed) in enumerate(robustness.LAYOUTS)
@@ -313,7 +313,7 @@ def _suites() -> list[Suite]:
         for seed, names in enumerate((tuple(METHODS), ("evidence",)))
     ]
     for name in (*SCENES, *BARE):
-        # Without appearance, the paper's method groups strangers, who cannot refine a rig.
+        # Without appearance, the paper's method groups different people, who cannot refine a rig.
         names = ("evidence",) if name in BARE else tuple(METHODS)
         suites.append(Suite(f"refined/{name}", partial(refined_scene, name, names), file_of(name)))
     suites += [

@@ -1,9 +1,9 @@
 """Fit the label-free prediction of MODA: `python -m benchmarks.fit_reliability [--check DATA]`.
 
-Both methods run on the simulated worlds of `reliability_worlds`; a linear function of the numbers
-in `Reliability` is fitted to their MODA. It is validated on held-out worlds: in ten folds, and by
-leaving out each layout. `--check` predicts real recordings and scenarios, which are never used in a
-fit. `--write` writes the coefficients to `catfree/methods/_expectation_fits.py`.
+Both methods run on the simulated worlds of `reliability_worlds`, and a linear function of the
+numbers in `Reliability` is fitted to their MODA. It is validated on held-out worlds, in ten folds
+and by leaving out each layout. `--check` predicts real recordings and scenarios, which no fit uses.
+`--write` writes the coefficients to `catfree/methods/_expectation_fits.py`.
 
 A world takes one to three seconds; `--rows FILE` stores the measurements and resumes from them.
 """
@@ -26,7 +26,7 @@ from catfree.methods._expectation_fits import Fit, Term
 from catfree.types import Reliability
 
 METHODS = {"paper": cf.Settings.paper(), "evidence": cf.Settings()}
-# Numbers of `Reliability` that take part, and whether by their logarithm.
+# Numbers of `Reliability` that are used, and whether by their logarithm.
 TERMS: dict[str, tuple[tuple[str, bool], ...]] = {
     "paper": (("detections_used", False), ("sigma_over_radius", True)),
     "evidence": (
@@ -55,7 +55,7 @@ FILE = Path(__file__).parents[1] / "catfree" / "methods" / "_expectation_fits.py
 
 
 def measure(number: int, method: str) -> Row:
-    """The summary of one run and its MODA."""
+    """Measure the summary of one run and its MODA."""
     case = draw(number)
     found = cf.localize(case.detections, case.scene, METHODS[method])
     numbers = numbers_of(found.reliability)
@@ -68,7 +68,7 @@ def measure(number: int, method: str) -> Row:
 
 
 def numbers_of(reliability: Reliability) -> Row:
-    """What a summary says, without the expectation."""
+    """Return the numbers of a summary, without the expectation."""
     values = {name: getattr(reliability, name) for name in NUMBERS}
     return {name: np.nan if value is None else float(value) for name, value in values.items()}
 
@@ -76,10 +76,10 @@ def numbers_of(reliability: Reliability) -> Row:
 def collect(
     method: str, worlds: int, workers: int, file: Path | None, report: Callable[[str], None]
 ) -> list[Row]:
-    """Rows of all worlds, those in the file first."""
+    """Collect rows of all worlds, beginning with those in the file."""
     known = {int(row["number"]): row for row in _read(file)}
     wanted = [number for number in range(worlds) if number not in known]
-    context = get_context("spawn")  # JAX and fork do not go together
+    context = get_context("spawn")  # JAX does not survive a fork
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
         for row in pool.map(measure, wanted, [method] * len(wanted)):
             known[int(row["number"])] = row
@@ -90,7 +90,7 @@ def collect(
 
 
 def design(rows: Sequence[Row], terms: Iterable[tuple[str, bool]]) -> np.ndarray:
-    """(N, 1 + T) constant and terms."""
+    """Return (N, 1 + T) constant and terms."""
     columns = [np.ones(len(rows))]
     for name, logarithm in terms:
         values = np.array([row[name] for row in rows])
@@ -99,7 +99,7 @@ def design(rows: Sequence[Row], terms: Iterable[tuple[str, bool]]) -> np.ndarray
 
 
 def held_out(matrix: np.ndarray, target: np.ndarray, fold: np.ndarray) -> np.ndarray:
-    """(N,) prediction of each world by a fit to the other folds, at most 100."""
+    """Predict (N,) each world by a fit to the other folds, at most 100."""
     predicted = np.zeros(len(target))
     for one in np.unique(fold):
         rest = fold != one
@@ -109,12 +109,12 @@ def held_out(matrix: np.ndarray, target: np.ndarray, fold: np.ndarray) -> np.nda
 
 
 def folds_of(count: int) -> np.ndarray:
-    """(N,) fold of each world, drawn once."""
+    """Draw (N,) the fold of each world, the same in every call."""
     return np.random.default_rng(0).permutation(count) % FOLDS
 
 
 def margins(residual: np.ndarray, level: float = LEVEL) -> tuple[float, float]:
-    """How far MODA lies below and above the expectation, with the finite-sample correction.
+    """Compute how far MODA lies below and above the expectation, with finite-sample correction.
 
     Source:
         Lei et al., "Distribution-free predictive inference for regression" (2018).
@@ -127,12 +127,12 @@ def margins(residual: np.ndarray, level: float = LEVEL) -> tuple[float, float]:
 
 
 def usable(rows: Iterable[Row]) -> list[Row]:
-    """Rows of runs that reported something: without positions MODA is 0 and nothing is fitted."""
+    """Select rows of runs with positions: without any, MODA is 0 and nothing is fitted."""
     return [row for row in rows if row["positions"] > 0 and np.isfinite(row["moda"])]
 
 
 def fit(method: str, rows: Sequence[Row]) -> Fit:
-    """The expected MODA of a method."""
+    """Fit the expected MODA of a method."""
     terms, target = TERMS[method], np.array([row["moda"] for row in rows])
     matrix = design(rows, terms)
     weights = np.linalg.lstsq(matrix, target, rcond=None)[0]
@@ -156,7 +156,7 @@ def fit(method: str, rows: Sequence[Row]) -> Fit:
 
 
 def compare(method: str, rows: Sequence[Row]) -> list[str]:
-    """Lines: what each choice of terms is worth on worlds that took no part."""
+    """Return lines that compare choices of terms on held-out worlds."""
     target = np.array([row["moda"] for row in rows])
     layout = np.array([int(row["number"]) % len(LAYOUTS) for row in rows])
     fold = folds_of(len(rows))
@@ -188,7 +188,7 @@ def _inside(residual: np.ndarray, fold: np.ndarray, one: int) -> float:
 
 
 def check(folder: Path, fits: Sequence[Fit]) -> list[str]:
-    """Lines: expectation and truth of every real sequence and scenario."""
+    """Return lines with expectation and truth of every real sequence and scenario."""
     from benchmarks.methods import sequences
     from benchmarks.paper.scoring import score
 
@@ -220,14 +220,14 @@ def check(folder: Path, fits: Sequence[Fit]) -> list[str]:
 
 
 def source(fits: Sequence[Fit]) -> str:
-    """The table as Python."""
+    """Return the table as Python source."""
     lines = ["FITS: tuple[Fit, ...] = ("]
     for made in fits:
         settings = "Settings.paper()" if made.settings.method == "paper" else "Settings()"
         lines += ["    Fit(", f"        settings={settings},"]
         lines += [f"        intercept={made.intercept:.2f},", "        terms=("]
         for term in made.terms:
-            # Outwards, so that every world lies in the range.
+            # Round outwards, so that every world lies in the range.
             low, high = np.floor(1e3 * term.low) / 1e3, np.ceil(1e3 * term.high) / 1e3
             numbers = f"{term.slope:.2f}, {low:.3f}, {high:.3f}"
             lines.append(f'            Term("{term.name}", {term.logarithm}, {numbers}),')
@@ -244,7 +244,7 @@ def source(fits: Sequence[Fit]) -> str:
 
 
 def main() -> None:
-    """Measure, fit, compare, and where asked check and write."""
+    """Measure, fit and compare; check and write if asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", type=int, default=180)
     parser.add_argument("--workers", type=int, default=2)

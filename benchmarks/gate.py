@@ -6,11 +6,11 @@ folder that holds `real/` and `scenarios/`; without it, `data` in the folder nam
 `CATFREE_SHARED`, or in `shared/` beside the checkout. Figures without data are listed and skipped.
 
 The baseline gives the value and unit of each figure, which direction is better ("higher", "lower",
-or "either" if any change counts), and the tolerance. On one machine figures do not vary; on another
-processor the last digits of a float32 sum do, which occasionally changes one position in thousands.
-Tolerances are therefore the rounding of the published figures: 0.15 points of MODA, 0.5 of IDF1 and
-HOTA, where one swapped identity affects a whole track, 0.01 m. Short sequences have larger
-tolerances because one person in one frame weighs more there.
+or "either" if any change counts), and the tolerance. On one machine, figures do not vary; on
+another processor, the last digits of a float32 sum do, which occasionally changes one position in
+thousands. Tolerances are therefore the rounding of the published figures: 0.15 points of MODA, 0.5
+of IDF1 and HOTA, where one identity switch affects a whole track, and 0.01 m. Short sequences have
+larger tolerances because one person in one frame weighs more there.
 
 This program never writes the baseline. Change it by hand, in a separate commit that says why.
 """
@@ -42,11 +42,11 @@ class Metric:
     """One figure of the baseline.
 
     Attributes:
-        key: name of the suite that measures it, a slash, and the name of the figure.
-        value: what it was when the baseline was last changed.
-        unit: of value and tolerance.
-        direction: which way is better; "either" where every change counts.
-        tolerance: a move by more than this counts.
+        key: name of its suite, a slash, and the name of the figure.
+        value: value when the baseline was last changed.
+        unit: unit of value and tolerance.
+        direction: which way is better; "either" if any change counts.
+        tolerance: only larger changes count.
     """
 
     key: str
@@ -56,10 +56,10 @@ class Metric:
     tolerance: float
 
     def __post_init__(self) -> None:
-        """Refuse an entry that could not be compared.
+        """Raise for an entry that cannot be compared.
 
         Raises:
-            ValueError: if the value is not finite, or direction or tolerance are impossible.
+            ValueError: if the value is not finite, or the direction or tolerance is invalid.
         """
         if not math.isfinite(self.value):
             raise ValueError(f"{self.key}: the value is {self.value}; it must be finite.")
@@ -75,11 +75,11 @@ class Metric:
             )
 
     def judge(self, measured: float) -> Verdict:
-        """How a measured value compares; one that is not a number is worse than any."""
+        """Compare a measured value; NaN is worse than any number."""
         change = measured - self.value
         if not math.isfinite(change):
             return "worse"
-        # The published decimals do not add up exactly in binary.
+        # The published decimals are not exact in binary.
         if abs(change) <= self.tolerance + 1e-9:
             return "same"
         better = {"higher": change > 0, "lower": change < 0, "either": False}
@@ -91,10 +91,10 @@ class Line:
     """One row of the result.
 
     Attributes:
-        key: of the figure.
-        verdict: what came of the comparison.
-        measured: the value of this run, or None.
-        metric: the baseline, or None.
+        key: key of the figure.
+        verdict: result of the comparison.
+        measured: value of this run, or None.
+        metric: entry of the baseline, or None.
         reason: why there is nothing to compare, or "".
     """
 
@@ -105,7 +105,7 @@ class Line:
     reason: str = ""
 
     def __str__(self) -> str:
-        """The row as Markdown."""
+        """Format the row as Markdown."""
         if self.metric is None or self.measured is None:
             value = "-" if self.measured is None else f"{self.measured:.4g}"
             return f"| {self.key} | - | {value} | - | {self.verdict}: {self.reason} |"
@@ -119,12 +119,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a suite came to.
+    """Result of a suite.
 
     Attributes:
         figures: measured values by name; empty if it did not run.
         reason: why it did not run, or "".
-        absent: whether that was for want of data.
+        absent: whether it did not run for lack of data.
     """
 
     figures: Mapping[str, float]
@@ -133,7 +133,7 @@ class Outcome:
 
 
 def read_baseline(path: Path) -> dict[str, Metric]:
-    """The baseline by key.
+    """Read the baseline by key.
 
     Raises:
         ValueError: if an entry is malformed.
@@ -149,27 +149,27 @@ def read_baseline(path: Path) -> dict[str, Metric]:
 
 
 def measure(suite: Suite, data: Path | None) -> Outcome:
-    """Run a suite; what stops it becomes the reason."""
+    """Run a suite; an error becomes the reason."""
     missing = suite.missing(data)
     if missing:
         return Outcome({}, missing, absent=True)
     try:
         figures = suite.measure(data)
-    except Exception as error:  # whatever breaks must not hide the other figures
+    except Exception as error:  # an error must not hide the other figures
         return Outcome({}, f"{type(error).__name__}: {error}")
     return Outcome({name: float(value) for name, value in figures.items()})
 
 
 def compare(suite: str, outcome: Outcome, baseline: Mapping[str, Metric]) -> list[Line]:
-    """One line per figure that the suite measured, or that the baseline holds of it.
+    """Make one line per figure that the suite measured or that the baseline has for it.
 
     Args:
-        suite: its name.
-        outcome: what came of it.
-        baseline: of all suites, by key.
+        suite: name of the suite.
+        outcome: result of the suite.
+        baseline: entries of all suites, by key.
 
     Returns:
-        The lines, in the order of the measurement; what was not measured comes last.
+        The lines, in the order of measurement; figures not measured come last.
     """
     lines = []
     measured = {f"{suite}/{name}": value for name, value in outcome.figures.items()}
@@ -189,22 +189,22 @@ def compare(suite: str, outcome: Outcome, baseline: Mapping[str, Metric]) -> lis
 
 
 def orphans(baseline: Iterable[str], suites: Iterable[str]) -> list[Line]:
-    """Lines of figures that belong to no suite at all."""
+    """Make lines for figures that belong to no suite."""
     prefixes = tuple(f"{suite}/" for suite in suites)
     left = [key for key in baseline if not key.startswith(prefixes)]
     return [Line(key, "not measured", reason="no suite has this name") for key in left]
 
 
 def choose(suites: Iterable[Suite], pattern: str | None, *, quick: bool) -> list[Suite]:
-    """The suites that are asked for.
+    """Choose the requested suites.
 
     Args:
-        suites: all.
-        pattern: part of a name, or a shell pattern for all of it; None for any.
+        suites: all suites.
+        pattern: part of a name, or a shell pattern for the whole name; None for any.
         quick: only those that take seconds.
 
     Raises:
-        ValueError: if none is left.
+        ValueError: if no suite matches.
     """
     chosen = [
         suite
@@ -220,10 +220,10 @@ def choose(suites: Iterable[Suite], pattern: str | None, *, quick: bool) -> list
 
 
 def find_data(given: Path | None) -> Path | None:
-    """The data folder: as given, or where tests look for it; None if there is none.
+    """Find the data folder: the given one, or where tests look for it; None if there is none.
 
     Raises:
-        ValueError: if a folder was given that holds no data.
+        ValueError: if the given folder holds no data.
     """
     if given is not None:
         if not any((given / name).is_dir() for name in ("real", "scenarios")):
@@ -235,7 +235,7 @@ def find_data(given: Path | None) -> Path | None:
 
 
 def write_measured(path: Path, outcomes: Mapping[str, Outcome]) -> None:
-    """Write every digit that was measured: files of equal figures are equal."""
+    """Write all measured digits, so that equal figures give equal files."""
     figures = {
         f"{suite}/{name}": value
         for suite, outcome in outcomes.items()
@@ -252,13 +252,13 @@ def run(
     baseline: Mapping[str, Metric],
     measured: Path | None,
 ) -> list[Line]:
-    """Measure suite by suite, printing as they come.
+    """Measure suite by suite, printing each result at once.
 
     Args:
-        suites: which.
+        suites: the suites.
         data: folder of the data, or None.
-        baseline: by key.
-        measured: file for what was measured, written after each suite; None for none.
+        baseline: entries by key.
+        measured: file for the measured values, written after each suite; None for none.
 
     Returns:
         The lines of all suites.
@@ -279,7 +279,7 @@ def run(
 
 
 def summarize(lines: Iterable[Line]) -> str:
-    """What failed, and how many figures came to what."""
+    """Describe the failures, and count the figures by verdict."""
     lines = list(lines)
     counts = {v: sum(line.verdict == v for line in lines) for v in get_args(Verdict)}
     told = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count)
@@ -289,7 +289,7 @@ def summarize(lines: Iterable[Line]) -> str:
 
 
 def main() -> None:
-    """Print the table and leave with 1 if anything got worse."""
+    """Print the table and exit with 1 if a figure got worse."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("data", type=Path, nargs="?", help="folder with real/ and scenarios/")
     parser.add_argument("--quick", action="store_true", help="only suites that take seconds")

@@ -1,9 +1,9 @@
-"""`cf.localize` of many scenes on two processor cores, without and with a GPU.
+"""Time `cf.localize` on many scenes on two processor cores, without and with a GPU.
 
     python benchmarks/gpu.py [--scenes 64]
 
-Two processes share the scenes and the same two cores; with a GPU, both let it run the compiled
-functions. The float width is that of the boxes. One scene per process warms up before the clock
+Two processes share the scenes and the same two cores; with a GPU, both run the compiled functions
+on it. The float width is that of the boxes. Each process warms up on one scene before the clock
 starts. Without a GPU, only the processor is measured.
 
 64 scenes of 40 frames, 7 cameras and 8,000 boxes with embeddings, on a machine with one H100:
@@ -15,7 +15,7 @@ starts. Without a GPU, only the processor is measured.
 | gpu | float64 | 75.8 | 0.77 | 93.52 |
 | gpu | float32 | 89.2 | 0.91 | 93.52 |
 
-Each line was measured once and varies by a quarter. Most of the time passes on the host, where
+Each line was measured once and varies by a quarter. Most of the time is spent on the host, where
 boxes are grouped.
 """
 
@@ -35,7 +35,7 @@ WIDTHS = ("float64", "float32")
 
 
 def share(width: str, first: int, scenes: int) -> None:
-    """Localize every second scene, after the word to begin, and print seconds and MODA."""
+    """Localize every second scene once told to begin, and print seconds and MODA."""
     import jax
 
     import catfree as cf
@@ -69,7 +69,7 @@ def share(width: str, first: int, scenes: int) -> None:
 
 
 def measure(platform: str, width: str, scenes: int) -> tuple[str, float, list[float]]:
-    """What computed, the seconds of the slower process, and the MODA of every scene."""
+    """Return the platform, the seconds of the slower process, and the MODA of every scene."""
     environment = os.environ | {"XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
     if platform == "cpu":
         environment["JAX_PLATFORMS"] = "cpu"
@@ -89,7 +89,7 @@ def measure(platform: str, width: str, scenes: int) -> tuple[str, float, list[fl
 
 
 def main() -> None:
-    """Print a table of seconds and MODA by what computes and by float width."""
+    """Print a table of seconds and MODA by platform and float width."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=64)
     parser.add_argument("--first", type=int)

@@ -1,14 +1,14 @@
 """Compare identities on the same positions: `python -m benchmarks.identities [DATA]`.
 
-`cf.localize` reports positions; each column names them anew, without looks:
+`cf.localize` reports positions; each column assigns identities to them anew, without appearance:
 
-- reported: the identities of the evidence method (which uses looks where there are embeddings);
+- reported: the identities of the evidence method (which uses appearance if there are embeddings);
 - plain: a constant-velocity Kalman filter with one assignment per frame, forward only;
-- norfair: Norfair's tracker with its Kalman filter and Euclidean distance, if it is installed;
-- true: of the nearest person of the truth within the metrics' 1 m: the bound of any linking.
+- norfair: Norfair's tracker with Kalman filter and Euclidean distance, if installed;
+- true: the identity of the nearest true person within the metrics' 1 m, the bound of any linking.
 
-IDF1 is at 1 m, after the similarity of the camera centers where the rig is estimated. Without DATA
-(see `benchmarks.methods`), simulated worlds of the seeds `--worlds FIRST END` are compared.
+IDF1 is at 1 m, after the similarity of the camera centers if the rig is estimated. Without DATA
+(see `benchmarks.methods`), simulated worlds with the seeds `--worlds FIRST END` are compared.
 """
 
 import argparse
@@ -28,20 +28,20 @@ from benchmarks.paper.sequences import Sequence
 from catfree.synthetic import DetectorModel, make_layout, make_world
 from catfree.synthetic._layouts import ring
 
-SPEED = 0.25  # meters a frame and axis: a stroll at two frames a second, a brisk walk at four
-FADE = 0.8  # of a velocity that is left after a frame
-NOISE = 0.1  # meters: of a reported position
+SPEED = 0.25  # meters per frame and axis: a stroll at two frames per second, a brisk walk at four
+FADE = 0.8  # fraction of a velocity that remains after a frame
+NOISE = 0.1  # meters, of a reported position
 LONGEST_GAP = 12  # frames
-REACH = 1.2  # meters a frame at most, of Norfair
+REACH = 1.2  # maximum meters per frame for Norfair
 GATE = 16.0  # squared Mahalanobis distance in two dimensions
-RADIUS = 1.0  # meters: of the tracking metrics
+RADIUS = 1.0  # meters: matching distance of the tracking metrics
 
 Rows = Float[np.ndarray, "m 4"]
 Names = Int[np.ndarray, " m"]
 
 
 def plain_filter(rows: Rows, frames: Int[np.ndarray, " f"]) -> Names:
-    """Identities by a Kalman filter with a velocity that fades, and one assignment per frame."""
+    """Assign identities by a Kalman filter with fading velocity and one assignment per frame."""
     speed = SPEED**2
     A = np.eye(4) + np.diag([1.0, 1.0], 2)
     A[2, 2] = A[3, 3] = FADE
@@ -74,7 +74,7 @@ def plain_filter(rows: Rows, frames: Int[np.ndarray, " f"]) -> Names:
 
 
 def by_norfair(rows: Rows, frames: Int[np.ndarray, " f"]) -> Names | None:
-    """Identities by Norfair, or None if it is not installed."""
+    """Assign identities by Norfair; return None if it is not installed."""
     try:
         from norfair import Detection, Tracker
     except ImportError:
@@ -96,7 +96,7 @@ def by_norfair(rows: Rows, frames: Int[np.ndarray, " f"]) -> Names | None:
 
 
 def true_names(rows: Rows, truth: Rows) -> Names:
-    """The identity of the person of the truth nearest to each row, each person once a frame."""
+    """Assign the nearest true person to each row, each person once per frame."""
     names = np.full(len(rows), -1)
     for frame in np.unique(rows[:, 0]):
         here, there = (np.flatnonzero(r[:, 0] == frame) for r in (rows, truth))
@@ -108,7 +108,7 @@ def true_names(rows: Rows, truth: Rows) -> Names:
 
 
 def _alone(names: Names) -> Names:
-    """Names with one of its own for each row without any (-1)."""
+    """Give each row without identity (-1) one of its own."""
     without = names < 0
     names[without] = names.max(initial=0) + 1 + np.arange(without.sum())
     return names
@@ -123,7 +123,7 @@ LINKERS: dict[str, Callable[[Rows, Sequence], Names | None]] = {
 
 
 def compare(sequence: Sequence) -> dict[str, float]:
-    """MODA, and IDF1 by linker; nan where one is not installed."""
+    """Compute MODA, and IDF1 by linker; NaN for linkers that are not installed."""
     tracks = cf.localize(sequence.detections, sequence.scene).tracks
     rows = np.asarray(ground_rows(tracks, sequence), float)
     found = {"MODA": score_rows(rows, sequence).moda}
@@ -139,7 +139,7 @@ def compare(sequence: Sequence) -> dict[str, float]:
 
 
 def fresh_world(seed: int) -> Sequence:
-    """A simulated world whose place, crowd, frame rate and detector are drawn; no embeddings."""
+    """Simulate a world with random place, crowd, frame rate and detector; no embeddings."""
     rng = np.random.default_rng([seed, 91])
     kind = rng.choice(["room", "ring", "wildtrack", "multiviewx", "gmvd6"])
     fps = float(rng.choice([2.0, 3.0, 4.0, 5.0, 7.0, 10.0]))

@@ -1,8 +1,8 @@
-"""Fisheyes of 180 degrees against pinholes in the same places: `python -m benchmarks.lenses`.
+"""Compare 180-degree fisheyes with pinholes in the same places: `python -m benchmarks.lenses`.
 
-A simulated shop with four cameras in its ceiling corners. The same people are seen by pinholes, by
-fisheyes, and by fisheyes that the rig takes for pinholes. With a folder of data, instead, its boxes
-as they are and as lenses with radial distortion k1 show them.
+The world is a simulated shop with four cameras in its ceiling corners. The same people are seen by
+pinholes, by fisheyes, and by fisheyes that the rig takes for pinholes. With a folder of data, its
+boxes are used instead, as they are and as lenses with radial distortion k1 show them.
 """
 
 import argparse
@@ -23,7 +23,7 @@ METHODS = {"evidence": cf.Settings(), "paper": cf.Settings.paper()}
 
 
 def moda(world: World, scene: cf.Scene, settings: cf.Settings, frames: int) -> tuple[float, float]:
-    """MODA at 0.5 m in the shop, and the median sigma in units of the report's radius."""
+    """Compute MODA at 0.5 m in the shop, and the median sigma in units of the report's radius."""
     found = cf.localize(world.detections, scene, settings)
     alignment = align_centres(np.asarray(scene.rig.centers), world.true_centres)
     position = np.asarray(alignment(found.tracks.position))

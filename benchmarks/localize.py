@@ -1,7 +1,7 @@
-"""Speed of `cf.localize`, cold and warm, by size: `python benchmarks/localize.py`.
+"""Time `cf.localize`, cold and warm, by size: `python benchmarks/localize.py`.
 
-Simulated boxes of 7 cameras with embeddings. Warm times are also stated as multiples of what NumPy
-takes to invert 200,000 3 x 3 matrices in the same process, which tells more of the code than of the
+Simulated boxes of 7 cameras with embeddings. Warm times are also stated as multiples of the time
+that NumPy takes to invert 200,000 3 x 3 matrices in the same process, which depends less on the
 machine. The paper's implementation takes 135 s from detection through tracking on 40 frames.
 """
 
@@ -45,7 +45,7 @@ print(int(status["VmHWM"].split()[0]) / 1024)
 
 
 def yardstick(repeats: int = 5) -> float:
-    """Median seconds in which NumPy inverts the matrices."""
+    """Measure the median seconds in which NumPy inverts the matrices."""
     matrix = np.random.default_rng(0).normal(size=(MATRICES, 3, 3))
     matrix = matrix @ matrix.transpose(0, 2, 1) + np.eye(3)
     seconds = []
@@ -59,7 +59,7 @@ def yardstick(repeats: int = 5) -> float:
 def cold(
     frames: int, people: int, background: int, method: str, **environment: str
 ) -> tuple[int, float, float]:
-    """Detections, seconds of `localize` in a new process, and of the whole process."""
+    """Count detections; time `localize` in a new process, and the whole process, in seconds."""
     code = COLD.format(frames=frames, people=people, background=background, method=method)
     result = subprocess.run(
         [sys.executable, "-c", code],
@@ -73,7 +73,7 @@ def cold(
 
 
 def peak_memory(detections: cf.Detections, scene: cf.Scene, method: str) -> float:
-    """Most memory, in MiB, of a new process that holds these boxes and localizes people once."""
+    """Measure the peak memory in MiB of a new process that localizes these boxes once."""
     result = subprocess.run(
         [sys.executable, "-c", MEMORY.format(method=method)],
         input=pickle.dumps((detections, scene)),
@@ -86,7 +86,7 @@ def peak_memory(detections: cf.Detections, scene: cf.Scene, method: str) -> floa
 def warm(
     frames: int, people: int, background: int, method: str, repeats: int
 ) -> tuple[int, float, dict[str, float], float]:
-    """Detections, median seconds of `localize`, the seconds of its stages, and MiB of memory."""
+    """Count detections; measure median seconds of `localize`, of its stages, and MiB of memory."""
     world = make_world("wildtrack", 1, frames=frames, people=people, background=background)
     settings = cf.Settings(method=method)
     cf.localize(world.detections, world.scene, settings)

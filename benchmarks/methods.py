@@ -18,7 +18,7 @@ COLUMNS = ("MODA", "precision", "recall", "IDF1", "HOTA", "CPU s")
 
 
 def sequences(folder: Path) -> Iterator[Sequence]:
-    """Every readable sequence of the folder, with each set of boxes and embeddings it holds."""
+    """Yield every readable sequence of the folder, once per set of boxes and embeddings."""
     yield from real(folder)
     for sequence in scenarios(folder):
         yield sequence
@@ -26,7 +26,7 @@ def sequences(folder: Path) -> Iterator[Sequence]:
 
 
 def measure(sequence: Sequence, settings: cf.Settings) -> dict[str, float]:
-    """Metrics and CPU seconds of one run, by the names of the columns."""
+    """Compute metrics and CPU seconds of one run, by name of the column."""
     start = time.process_time()
     result = cf.localize(sequence.detections, sequence.scene, settings)
     seconds = time.process_time() - start

@@ -1,13 +1,13 @@
-"""Accuracy and cost of `cf.Tracker`: `python -m benchmarks.online [DATA]`.
+"""Measure accuracy and cost of `cf.Tracker`: `python -m benchmarks.online [DATA]`.
 
-With DATA (see `benchmarks.methods`), and for simulated worlds of seeds `--worlds FIRST END`, a
-table compares MODA at 0.5 m of positions of now (lag 0), of positions that are final after 2 s, of
-these when the tracker has seen the sequence before and so has learned its cameras, and of
-`cf.localize` on all frames. Frames without a known rate count as two per second.
+With DATA (see `benchmarks.methods`), and for simulated worlds with seeds `--worlds FIRST END`, a
+table compares MODA at 0.5 m of current positions (lag 0), of positions that are final after 2 s, of
+these when the tracker has already learned its cameras from the same sequence, and of `cf.localize`
+on all frames. Frames without a known rate count as two per second.
 
 `--speed N` adds N instants of 7 cameras with about 25 boxes each, and prints the time per instant
-and the memory. The time is CPU time of the process, which is what a machine with nothing else to do
-takes at most; the first instants compile and learn often, and are counted apart.
+and the memory. The time is CPU time of the process, the most that an idle machine takes; the first
+instants, which compile and often learn, are counted separately.
 """
 
 import argparse
@@ -26,14 +26,14 @@ from benchmarks.paper.scoring import ground_rows, score_rows
 from benchmarks.paper.sequences import Sequence
 from catfree.synthetic import make_world
 
-RATE = 2.0  # frames per second where the file does not tell
-WARM = 130  # instants, until noise was learned from a full sample
-PAUSE = 3600.0  # seconds between the first and the second time that a tracker sees a sequence
-SPEED_FRAMES = 200  # of the simulated world that is repeated, forwards and backwards
+RATE = 2.0  # frames per second if the file does not state it
+WARM = 130  # instants until noise is learned from a full sample
+PAUSE = 3600.0  # seconds between two passes of a tracker over a sequence
+SPEED_FRAMES = 200  # frames of the simulated world, repeated forwards and backwards
 
 
 def rate_of(name: str, data: Path) -> float:
-    """Frames per second that a file of boxes states."""
+    """Read the frames per second stated in a file of boxes."""
     path = data / file_of(name)
     if not path.is_file():
         return RATE
@@ -43,13 +43,13 @@ def rate_of(name: str, data: Path) -> float:
 def stream(
     sequence: Sequence, rate: float, lag: float, *, learned: bool = False
 ) -> tuple[cf.Tracks, cf.Tracks]:
-    """Provisional and final tracks of a sequence, with its frame numbers.
+    """Track a sequence; return provisional and final tracks, and its frame numbers.
 
     Args:
         sequence: boxes and scene.
         rate: instants per second.
-        lag: of the tracker, in seconds.
-        learned: let the tracker see the sequence twice, and report the second time.
+        lag: lag of the tracker in seconds.
+        learned: run the tracker over the sequence twice, and report the second pass.
     """
     tracker = cf.Tracker(sequence.scene, lag=lag)
     boxes = sequence.detections
@@ -67,7 +67,7 @@ def stream(
 
 
 def _joined(parts: list[cf.Tracks], rate: float) -> cf.Tracks:
-    parts = [part[part.frame >= 0] for part in parts]  # times of the first time are negative
+    parts = [part[part.frame >= 0] for part in parts]  # times of the first pass are negative
     columns = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in vars(parts[0])
@@ -78,7 +78,7 @@ def _joined(parts: list[cf.Tracks], rate: float) -> cf.Tracks:
 
 
 def worlds(seeds: range) -> Iterator[Sequence]:
-    """Simulated crowds without embeddings."""
+    """Simulate crowds without embeddings."""
     for seed in seeds:
         world = make_world("wildtrack", seed, frames=60, people=20)
         d = world.detections
@@ -90,7 +90,7 @@ def worlds(seeds: range) -> Iterator[Sequence]:
 
 
 def compare(sequence: Sequence, rate: float) -> str:
-    """A row of the table: name; MODA and IDF1 of the four."""
+    """Format a row of the table: name, then MODA and IDF1 of the four."""
     batch = cf.localize(sequence.detections, sequence.scene).tracks
     now, _ = stream(sequence, rate, 0.0)
     _, late = stream(sequence, rate, 2.0)
@@ -104,7 +104,7 @@ def compare(sequence: Sequence, rate: float) -> str:
 
 
 def measure_speed(instants: int, embeddings: bool) -> None:
-    """Print time per instant and memory."""
+    """Print the time per instant and the memory."""
     world = make_world("wildtrack", 1, frames=SPEED_FRAMES, people=32, background=12)
     d = world.detections
     embedding = d.embedding if embeddings else None
@@ -136,7 +136,7 @@ def measure_speed(instants: int, embeddings: bool) -> None:
 
 
 def main() -> None:
-    """Print a Markdown table, and speed."""
+    """Print a Markdown table and the speed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path, nargs="?")
     parser.add_argument("--only", default="", help="only sequences whose name contains this")

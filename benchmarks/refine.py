@@ -1,8 +1,8 @@
-"""Gain from refining a disturbed rig with people: `python benchmarks/refine.py [--quick]`.
+"""Measure the gain from refining a disturbed rig: `python benchmarks/refine.py [--quick]`.
 
-Every camera is off by 1 degree, 0.3 m and 2 % of its focal length, the ground by half a degree and
-5 cm. Camera centers are compared after the similarity that fits them best. Both methods refine the
-same rig: "paper" by all rounds of the paper's procedure, "evidence" until the residual stops
+Every camera is off by 1 degree, 0.3 m and 2 % of its focal length, and the ground by half a degree
+and 5 cm. Camera centers are compared after the best-fitting similarity. Both methods refine the
+same rig: "paper" with all rounds of the paper's procedure, "evidence" until the residual stops
 falling. MODA is that of the paper's method with each rig.
 """
 
@@ -22,20 +22,20 @@ METHODS = {"paper": cf.Settings.paper(), "evidence": cf.Settings()}
 
 
 def center_error(scene: cf.Scene, true_centers: Float[np.ndarray, "cam 3"]) -> float:
-    """Mean distance of the camera centres from the true ones in metres, after a similarity."""
+    """Compute the mean distance in meters of camera centers from the truth, after a similarity."""
     centers = np.asarray(scene.rig.centers)
     moved = np.asarray(align_centres(centers, true_centers)(centers))
     return float(np.linalg.norm(moved - true_centers, axis=-1).mean())
 
 
 def focal_error(scene: cf.Scene, world: World) -> float:
-    """Mean relative error of the focal lengths."""
+    """Compute the mean relative error of the focal lengths."""
     ratio = np.asarray(scene.rig.K)[:, 0, 0] / np.asarray(world.true_rig.K)[:, 0, 0]
     return float(np.abs(ratio - 1).mean())
 
 
 def moda(scene: cf.Scene, world: World) -> float:
-    """MODA in percent of the paper's method."""
+    """Compute the MODA of the paper's method in percent."""
     tracks = cf.localize(world.detections, scene, cf.Settings.paper()).tracks
     to_world = align_centres(np.asarray(scene.rig.centers), world.true_centres)
     xy = np.asarray(to_world(np.asarray(tracks.position)))[:, :2]
@@ -46,14 +46,14 @@ def moda(scene: cf.Scene, world: World) -> float:
 
 
 def run(world: World, settings: cf.Settings, rounds: int) -> tuple[cf.Refinement, float]:
-    """A refinement and its CPU seconds."""
+    """Refine the rig; return the refinement and its CPU seconds."""
     start = time.process_time()
     found = refine(world.detections, world.scene, settings, rounds=rounds)
     return found, time.process_time() - start
 
 
 def main() -> None:
-    """Print one line a world and method."""
+    """Print one line per world and method."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--seeds", type=int, default=2)

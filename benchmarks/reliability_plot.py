@@ -1,4 +1,4 @@
-"""Reliability diagrams of probabilities and of uncertainty ellipses."""
+"""Draw reliability diagrams of probabilities and of uncertainty ellipses."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -16,14 +16,14 @@ SMALLEST_DOT, LARGEST_DOT = 12.0, 160.0  # square points
 
 
 def plot_reliability(curve: CalibrationCurve, *, ax: "Axes | None" = None) -> "Axes":
-    """Draw how often claimed probabilities came true, one dot per bin, larger for more claims.
+    """Draw how often stated probabilities came true, one dot per bin, larger for more samples.
 
     Args:
         curve: the result of `cf.evaluation.calibration_curve`.
         ax: matplotlib axes to draw on; None for a new figure.
 
     Returns:
-        The axes, with claimed probability on x and the share that came true on y.
+        The axes, with stated probability on x and the share that came true on y.
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
@@ -69,8 +69,8 @@ def plot_ellipse_coverage(
     """
     ax = _square(ax, "probability content of the ellipse", "share of true positions inside")
     for index, (name, coverage) in enumerate(coverages.items()):
-        # Content of the smallest ellipse that holds each position: chi-square with two degrees of
-        # freedom.
+        # Content of the smallest ellipse that contains each position: chi-square with two degrees
+        # of freedom.
         content = np.sort(-np.expm1(-0.5 * coverage.squared_mahalanobis))
         share = np.arange(1, len(content) + 1) / max(len(content), 1)
         color = fraction(TRACK_COLORS[index % len(TRACK_COLORS)])
@@ -90,7 +90,7 @@ def plot_ellipse_coverage(
 
 
 def _square(ax: "Axes | None", xlabel: str, ylabel: str) -> "Axes":
-    """Axes from 0 to 1 with the diagonal of perfect calibration."""
+    """Make axes from 0 to 1 with the diagonal of perfect calibration."""
     made: Axes = ax or require_pyplot().subplots(figsize=(5, 5), layout="constrained")[1]
     made.plot([0, 1], [0, 1], color="black", linewidth=1, linestyle=":", zorder=0)
     made.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), xlabel=xlabel, ylabel=ylabel, aspect="equal")

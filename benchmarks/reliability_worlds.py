@@ -1,8 +1,8 @@
-"""Simulated worlds of varying difficulty, to which the expected MODA is fitted.
+"""Simulated worlds of varying difficulty, for fitting the expected MODA.
 
-A world is determined by its number. The worlds vary in layout, cameras left, crowd, bystanders,
-occluders, frames, recall, noise, truncation and false boxes of the detector, embeddings, scores and
-ankles present or not, and the errors of rig and ground. The ranges extend from the library's
+A world is determined by its number. The worlds vary in layout, number of cameras, crowd,
+bystanders, occluders, frames, recall, noise, truncation and false boxes of the detector, presence
+of embeddings, scores and ankles, and errors of rig and ground. The ranges extend from the library's
 defaults (every fourth world has the default detector) to barely usable detectors and rigs.
 """
 
@@ -26,13 +26,13 @@ DEFAULT_DETECTOR_EVERY = 4
 
 @dataclass(frozen=True)
 class Case:
-    """A world as a method sees it, with fewer cameras and perhaps without some columns.
+    """A world as a method sees it, possibly with fewer cameras and columns.
 
     Attributes:
-        number: that everything follows from.
-        world: with all cameras, for the truth and the alignment.
-        detections: of the cameras that are left.
-        scene: of the cameras that are left.
+        number: number that determines everything.
+        world: world with all cameras, for the truth and the alignment.
+        detections: boxes of the remaining cameras.
+        scene: scene with the remaining cameras.
         frames: number of frames.
     """
 
@@ -44,7 +44,7 @@ class Case:
 
 
 def draw(number: int) -> Case:
-    """The world of a number."""
+    """Draw the world with this number."""
     rng = np.random.default_rng([number, 77])
     layout = make_layout(LAYOUTS[number % len(LAYOUTS)], number)
     people = max(3, int(layout.people * rng.uniform(0.3, 1.1)))
@@ -90,7 +90,7 @@ def draw(number: int) -> Case:
 
 
 def moda(case: Case, tracks: cf.Tracks) -> float:
-    """MODA in percent at 0.5 m inside the area, aligned by the centres of all cameras."""
+    """Compute MODA in percent at 0.5 m inside the area, aligned by the centers of all cameras."""
     world = case.world
     align = align_centres(np.asarray(world.scene.rig.centers), world.true_centres)
     rows = np.zeros((0, 4))
@@ -124,5 +124,5 @@ def _columns(
 
 
 def _between(rng: np.random.Generator, low: float, high: float) -> float:
-    """Log-uniform."""
+    """Draw log-uniformly."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))

@@ -1,8 +1,8 @@
-"""Measure how fast a browser loads the report page of a long run, and what it fetches.
+"""Measure how fast a browser loads the report page of a long run, and what it requests.
 
     python -m benchmarks.report_page --positions 10000
 
-Needs Playwright and a Chromium of the system.
+Needs Playwright and an installed Chromium.
 """
 
 import argparse
@@ -27,7 +27,7 @@ BUDGET = 2.0  # seconds
 
 
 def long_run(positions: int) -> RunOutcome:
-    """A run of that many positions of people who walk at random, without footage."""
+    """Make a run with that many positions of random walkers, without footage."""
     world = make_world("ring4", 0, frames=2, people=2)
     rng = np.random.default_rng(0)
     frames = -(-positions // PEOPLE)
@@ -52,7 +52,7 @@ def long_run(positions: int) -> RunOutcome:
 
 
 def main() -> int:
-    """Write the page, load it, and print what it took."""
+    """Write the page, load it, and print the measurements."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--positions", type=int, default=10_000)
     options = parser.parse_args()

@@ -1,7 +1,7 @@
-"""Both methods on increasingly degraded input: `python -m benchmarks.robustness [DATA]`.
+"""Run both methods on increasingly degraded input: `python -m benchmarks.robustness [DATA]`.
 
-MODA at 0.5 m. Simulated worlds with the usual disturbed rig, and the scenario folders of DATA. A
-rolled camera, a crowd and a worse rig need another world, so scenarios have no such rows.
+Prints MODA at 0.5 m for simulated worlds with the usual disturbed rig, and for the scenario folders
+of DATA. A rolled camera, a crowd and a worse rig need another world, so scenarios lack these rows.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from catfree.synthetic import RigError, make_layout, make_world
 LAYOUTS = (("ring6", 31), ("wildtrack", 32), ("gmvd8", 33))
 FRAMES = 20
 K1 = -0.1
-CUT = 0.004  # of the width: boxes that end so near the border are cut by it
+CUT = 0.004  # fraction of the width: boxes closer to the border are cut
 CROWD = 80
 ROLL = 20.0  # degrees
 
@@ -34,7 +34,7 @@ def simulated(
     frames: int = FRAMES,
     rig_error: RigError | None = None,
 ) -> Sequence:
-    """A world with the default detector, its first camera rolled by degrees."""
+    """Simulate a world with the default detector, its first camera rolled by degrees."""
     made = make_layout(layout, seed)
     if roll:
         rig = made.rig
@@ -48,13 +48,13 @@ def simulated(
 
 
 def thinned(sequence: Sequence, share: float) -> Sequence:
-    """Only this share of the boxes, drawn at random."""
+    """Keep only this share of the boxes, drawn at random."""
     chosen = np.random.default_rng(0).random(len(sequence.detections)) < share
     return dataclasses.replace(sequence, detections=sequence.detections[chosen])
 
 
 def with_false_boxes(sequence: Sequence, share: float) -> Sequence:
-    """Boxes of nobody, so many that they are this share of all: shapes and looks of real ones."""
+    """Add false boxes up to this share of all, with shapes and appearance of real ones."""
     boxes, rig = sequence.detections, sequence.scene.rig
     rng = np.random.default_rng(1)
     count = round(len(boxes) * share / (1 - share))
@@ -79,7 +79,7 @@ def with_false_boxes(sequence: Sequence, share: float) -> Sequence:
 
 
 def with_dropped_frames(sequence: Sequence, share: float) -> Sequence:
-    """One camera delivers nothing in this share of the frames."""
+    """Drop all boxes of one camera in this share of the frames."""
     boxes, frames = sequence.detections, np.unique(sequence.detections.frame)
     count = max(1, round(share * len(frames)))
     lost = np.random.default_rng(2).choice(frames, count, replace=False)
@@ -88,7 +88,7 @@ def with_dropped_frames(sequence: Sequence, share: float) -> Sequence:
 
 
 def distorted(sequence: Sequence, k1: float, *, known: bool) -> Sequence:
-    """Boxes as lenses with radial distortion k1 show them; the rig knows of it or not."""
+    """Distort boxes by lenses with radial distortion k1, known to the rig or not."""
     boxes, rig = through_lenses(sequence.detections, sequence.scene.rig, k1)
     if not known:
         rig = cf.Rig(rig.K, rig.R, rig.t, rig.image_size, registered=rig.registered)
@@ -97,16 +97,16 @@ def distorted(sequence: Sequence, k1: float, *, known: bool) -> Sequence:
 
 
 def through_lenses(boxes: cf.Detections, rig: cf.Rig, k1: float) -> tuple[cf.Detections, cf.Rig]:
-    """The boxes and the rig of cameras that show the same, bent by radial distortion k1.
+    """Convert boxes and rig to cameras with the same view and radial distortion k1.
 
-    Each picture is the smallest that holds all of the old one: in a larger one nobody would have a
-    box where the old camera did not look, as if the detector missed them. Boxes that the old border
-    cut end at the new one.
+    Each picture is the smallest that contains all of the old one: in a larger one, people outside
+    the old view would have no box, as if the detector missed them. Boxes cut at the old border end
+    at the new one.
 
     Args:
-        boxes: in pictures without distortion.
-        rig: their cameras.
-        k1: at most what leaves points at the border in their order.
+        boxes: boxes in pictures without distortion.
+        rig: cameras of the boxes.
+        k1: radial distortion; must keep points at the border in order.
     """
     K, size = np.array(rig.K, np.float64), np.asarray(rig.image_size, np.float64)
     low, high = np.empty(size.shape), np.empty(size.shape)
@@ -132,7 +132,7 @@ def through_lenses(boxes: cf.Detections, rig: cf.Rig, k1: float) -> tuple[cf.Det
         box[old[:, axis] < near, axis] = -0.5
         ends = old[:, axis + 2] > size[camera, axis] - 1 - near
         box[ends, axis + 2] = limit[ends, axis]
-    # A sliver at the border stays one pixel wide.
+    # A sliver at the border remains one pixel wide.
     box[:, :2] = np.minimum(box[:, :2], limit - 1)
     box[:, 2:] = np.maximum(box[:, 2:], box[:, :2] + 1)
     K[:, :2, 2] -= corner
@@ -144,7 +144,7 @@ def through_lenses(boxes: cf.Detections, rig: cf.Rig, k1: float) -> tuple[cf.Det
 def bent(
     box: Float[np.ndarray, "n 4"], K: Float[np.ndarray, "n 3 3"], k1: float
 ) -> Float[np.ndarray, "n 4"]:
-    """Boxes as a lens shows them: edges of the box through the distorted middles of its sides."""
+    """Distort boxes; edges pass through the distorted middles of the sides."""
     middle = (box[:, :2] + box[:, 2:]) / 2
     left, right = (_moved(box[:, side], middle[:, 1], K, k1)[0] for side in (0, 2))
     top, bottom = (_moved(middle[:, 0], box[:, side], K, k1)[1] for side in (1, 3))
@@ -154,7 +154,7 @@ def bent(
 def _moved(
     u: np.ndarray, v: np.ndarray, K: Float[np.ndarray, "n 3 3"], k1: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels as a lens shows them."""
+    """Distort pixels."""
     x, y = (u - K[:, 0, 2]) / K[:, 0, 0], (v - K[:, 1, 2]) / K[:, 1, 1]
     factor = 1 + k1 * (x**2 + y**2)
     return x * factor * K[:, 0, 0] + K[:, 0, 2], y * factor * K[:, 1, 1] + K[:, 1, 2]
@@ -173,7 +173,7 @@ CHANGES: dict[str, Callable[[Sequence], Sequence]] = {
 
 
 def cases(data: Path | None) -> Iterator[tuple[str, Sequence]]:
-    """Every case of every sequence by name."""
+    """Yield every case of every sequence by name."""
     for layout, seed in LAYOUTS:
         for name, change in CHANGES.items():
             yield name, change(simulated(layout, seed))
@@ -188,7 +188,7 @@ def cases(data: Path | None) -> Iterator[tuple[str, Sequence]]:
 
 
 def modas(sequence: Sequence) -> tuple[float, float]:
-    """MODA of the paper's method and of the evidence method."""
+    """Compute MODA of the paper's method and of the evidence method."""
     paper, evidence = (
         score(cf.localize(sequence.detections, sequence.scene, settings), sequence).moda
         for settings in (cf.Settings.paper(), cf.Settings())

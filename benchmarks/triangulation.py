@@ -1,10 +1,10 @@
 """Compare robust triangulation with named peers: `python benchmarks/triangulation.py`.
 
 Peers: pycolmap's `estimate_triangulation` (LO-RANSAC on angular errors) and a loop over SciPy's
-`least_squares` with a Huber loss. Every method sees the same hypotheses: rays from cameras on a
-ring to one person with angular noise, and with one wrong ray in a share of them. pycolmap
-minimizes angular errors and so gives near cameras more weight; catfree and SciPy get the same
-information as the weights of the paper's Eq. w, from the heights of the boxes.
+    `least_squares` with a Huber loss. All methods see the same hypotheses: rays from cameras on a
+    ring to one person, with angular noise and, in a share of them, one wrong ray. pycolmap
+    minimizes angular errors and so gives near cameras more weight; catfree and SciPy get the same
+    information as the weights of the paper's Eq. w, from the heights of the boxes.
 """
 
 import argparse
@@ -23,7 +23,7 @@ SIGMA_THETA = 0.0206
 def make_problems(
     count: int, cameras: int, wrong_share: float, seed: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(H, C, 3) origins, (H, C, 3) noisy unit directions, (H, C) weights, (H, 3) true positions."""
+    """Make (H, C, 3) origins and noisy directions, (H, C) weights, and (H, 3) true positions."""
     rng = np.random.default_rng(seed)
     angle = 2 * np.pi * np.arange(cameras) / cameras
     ring = np.stack([11 * np.cos(angle), 11 * np.sin(angle), np.full(cameras, 3.0)], axis=-1)
@@ -33,7 +33,7 @@ def make_problems(
     wrong = np.flatnonzero(rng.random(count) < wrong_share)
     target[wrong, rng.integers(cameras, size=len(wrong))] = other[wrong]
     direction = target - ring
-    height = 1 / np.linalg.norm(direction, axis=-1)  # of a box, up to a factor
+    height = 1 / np.linalg.norm(direction, axis=-1)  # height of a box, up to a factor
     weight = np.minimum(1, (height / np.median(height)) ** 2)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     noise = rng.normal(scale=SIGMA_THETA, size=direction.shape)
@@ -44,9 +44,9 @@ def make_problems(
 
 
 def best_time(run: Callable[[], np.ndarray], seconds: float) -> tuple[float, np.ndarray]:
-    """Shortest run in seconds among those of a stretch of time, and the result.
+    """Return the shortest of the runs within a time limit, in seconds, and the result.
 
-    Each method gets the same time, so that each meets the same moments without other work.
+    All methods get the same time, and hence the same chance of moments without other load.
     """
     result, taken = run(), []
     while sum(taken) < seconds:
@@ -59,7 +59,7 @@ def best_time(run: Callable[[], np.ndarray], seconds: float) -> tuple[float, np.
 def with_catfree(
     origins: np.ndarray, directions: np.ndarray, weights: np.ndarray
 ) -> Callable[[], np.ndarray]:
-    """All hypotheses in one compiled call."""
+    """Triangulate all hypotheses in one compiled call."""
     solve = jax.jit(jax.vmap(cf.geometry.triangulate, (0, 0, 0, None)))
     arrays = [a.astype(np.float32) for a in (origins, directions, weights)]
     return lambda: np.asarray(solve(*arrays, 0.22).position)
@@ -68,7 +68,7 @@ def with_catfree(
 def with_scipy(
     origins: np.ndarray, directions: np.ndarray, weights: np.ndarray
 ) -> Callable[[], np.ndarray]:
-    """One `least_squares` call a hypothesis, with Huber's loss at the scale of the distances."""
+    """Triangulate with one `least_squares` call per hypothesis, with Huber's loss."""
 
     def residual(x: np.ndarray, o: np.ndarray, d: np.ndarray) -> np.ndarray:
         offset = x - o
@@ -101,7 +101,7 @@ def with_scipy(
 
 
 def with_pycolmap(origins: np.ndarray, directions: np.ndarray) -> Callable[[], np.ndarray]:
-    """One `estimate_triangulation` call a hypothesis."""
+    """Triangulate with one `estimate_triangulation` call per hypothesis."""
     import pycolmap
 
     cameras = origins.shape[1]
@@ -133,7 +133,7 @@ def with_pycolmap(origins: np.ndarray, directions: np.ndarray) -> Callable[[], n
 
 
 def main() -> None:
-    """Print time a hypothesis, error on the ground, and ratios."""
+    """Print time per hypothesis, error on the ground, and ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hypotheses", type=int, default=16384)
     parser.add_argument("--cameras", type=int, default=6)
@@ -143,7 +143,7 @@ def main() -> None:
     origins, directions, weights, truth = make_problems(
         options.hypotheses, options.cameras, options.wrong_share, seed=0
     )
-    few = slice(0, min(300, options.hypotheses))  # SciPy needs no more to be timed
+    few = slice(0, min(300, options.hypotheses))  # enough to time SciPy
     runs = {
         "catfree": (best_time(with_catfree(origins, directions, weights), options.seconds), truth),
         "SciPy least_squares": (

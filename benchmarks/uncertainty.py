@@ -2,11 +2,11 @@
 
 One row per set: the share of true positions inside the 95 % ellipse, the factor on all sigmas that
 would give 95 %, the median sigma, and the expected calibration error of the existence
-probabilities. Without DATA (see `benchmarks.methods`) uses simulated worlds only; `--picture FILE`
-draws these, never the data.
+probabilities. Without DATA (see `benchmarks.methods`), only simulated worlds are used; `--picture
+FILE` draws these, never the data.
 
-The diagram of probabilities uses every row of every candidate track, reported or not: nearly all
-reported ones have a probability near 1.
+The diagram of probabilities uses all rows of all candidate tracks, reported or not, because nearly
+all reported ones have a probability near 1.
 """
 
 import argparse
@@ -34,7 +34,7 @@ from catfree.synthetic import RigError, make_world
 FRAMES = 40
 WORSE, TRUE = RigError(rotation_deg=1.0), RigError(0, 0, 0, 0, 0)
 CONDITIONS = {RigError(): "as usual", WORSE: "off by 1°", TRUE: "true"}
-GATE = 1.0  # metres; well above the sigmas
+GATE = 1.0  # metres; far above the sigmas
 WORLDS = (
     ("ring5", 11, RigError()),
     ("wildtrack", 12, RigError()),
@@ -50,24 +50,24 @@ WORLDS = (
 
 
 def world(layout: str, seed: int, error: RigError) -> Sequence:
-    """One simulated scene with a disturbed rig."""
+    """Simulate one scene with a disturbed rig."""
     made = make_world(layout, seed, frames=FRAMES, rig_error=error)
     return Sequence.of_world(made, f"{layout} {seed}, rig {CONDITIONS[error]}")
 
 
 def worlds() -> list[Sequence]:
-    """Simulated scenes: usual, worse and undisturbed rigs."""
+    """Simulate scenes with usual, worse and undisturbed rigs."""
     return [world(*row) for row in WORLDS]
 
 
 @dataclass(frozen=True)
 class Honesty:
-    """How stated uncertainty compares with the truth.
+    """Comparison of stated uncertainty with the truth.
 
     Attributes:
-        ellipses: how often true positions lie inside.
-        existence: how often claimed existence came true.
-        sigma: median over positions in metres.
+        ellipses: shares of true positions inside.
+        existence: calibration curve of existence.
+        sigma: median over positions in meters.
     """
 
     ellipses: EllipseCoverage
@@ -76,7 +76,7 @@ class Honesty:
 
 
 def judge(tracks: cf.Tracks, sequence: Sequence) -> Honesty:
-    """Compare what tracks say of themselves with the truth, inside the sequence's area."""
+    """Compare stated uncertainty with the truth, inside the sequence's area."""
     rows, covariance = ground_rows(tracks, sequence), world_covariance(tracks, sequence)
     truth, existence = sequence.ground_truth, np.asarray(tracks.existence)
     if sequence.area is not None:
@@ -91,7 +91,7 @@ def judge(tracks: cf.Tracks, sequence: Sequence) -> Honesty:
 
 
 def judge_considered(sequence: Sequence) -> tuple[Honesty, Honesty]:
-    """The same of the tracks that are reported, and of all that were considered."""
+    """Judge the reported tracks, and all candidate tracks."""
     boxes = sequence.detections
     if boxes.score is not None:
         boxes = boxes[boxes.score >= cf.Settings().confidence]
@@ -108,7 +108,7 @@ def judge_considered(sequence: Sequence) -> tuple[Honesty, Honesty]:
 
 
 def pooled(curves: list[CalibrationCurve]) -> CalibrationCurve:
-    """One curve of all sets together."""
+    """Pool the curves of all sets."""
     count = np.sum([c.count for c in curves], axis=0)
     claimed = np.sum([np.nan_to_num(c.mean_probability * c.count) for c in curves], axis=0)
     true = np.sum([np.nan_to_num(c.observed_frequency * c.count) for c in curves], axis=0)
