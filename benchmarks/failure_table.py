@@ -96,7 +96,7 @@ incorrect_pairs = jax.jit(jax.vmap(incorrect_pair, (0, None, None)))
 
 
 def survival(separation: float, samples: int, seed: int) -> np.ndarray:
-    """Compute the percentages (2, 6) of wrong pairs passing the first and both filters, by angle."""
+    """Compute the (2, 6) percentages of wrong pairs that pass one and both filters, by angle."""
     floor = Plane(np.array([0.0, 0.0, 1.0], np.float32), np.float32(0))
     keys = jax.random.split(jax.random.key(seed), samples)
     pairs = jax.tree.map(np.asarray, incorrect_pairs(keys, separation, floor))

@@ -34,7 +34,7 @@ from catfree.synthetic import RigError, make_world
 FRAMES = 40
 WORSE, TRUE = RigError(rotation_deg=1.0), RigError(0, 0, 0, 0, 0)
 CONDITIONS = {RigError(): "as usual", WORSE: "off by 1°", TRUE: "true"}
-GATE = 1.0  # metres; far above the sigmas
+GATE = 1.0  # meters; far above the sigmas
 WORLDS = (
     ("ring5", 11, RigError()),
     ("wildtrack", 12, RigError()),

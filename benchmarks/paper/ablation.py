@@ -1,4 +1,4 @@
-"""Shared code of the ablations: variants of the method on the twins and all available data."""
+"""Code shared by the ablations: variants of the method on the twins and all available data."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from benchmarks.paper.sequences import (
 from benchmarks.paper.table import Cell
 from catfree.evaluation import Interval
 
-# Other conditions under which a claim is tested on the same worlds.
+# Other conditions on the same worlds, under which a claim is also tested.
 ROUGH = ", rough ground"
 BARE = ", no appearance"
 CONDITIONS = (ROUGH, BARE)
@@ -31,9 +31,9 @@ class Variant:
     """One row of an ablation.
 
     Attributes:
-        name: as the paper calls it.
-        settings: what it changes.
-        true_rig: localize with the true calibration.
+        name: name in the paper.
+        settings: settings of the variant.
+        true_rig: whether to localize with the true calibration.
     """
 
     name: str
@@ -43,28 +43,28 @@ class Variant:
 
 @dataclass(frozen=True)
 class Results:
-    """Scores of variants in places.
+    """Scores of variants in places, which are twins and other sequences.
 
     Attributes:
-        scores: by variant and place, one score a world (seed); a place is a twin's paper column,
-            with one of `CONDITIONS` after it, or the name of another sequence.
-        others: the places that are no twins.
+        scores: by variant and place, one score per world (seed); a place is a twin's paper column,
+            followed by one of `CONDITIONS` if any, or the name of another sequence.
+        others: the places that are not twins.
     """
 
     scores: Mapping[str, Mapping[str, Sequence[Score]]]
     others: tuple[str, ...]
 
     def pooled(self, variant: str, place: str) -> Score | None:
-        """All worlds of a place as one, or None where the variant did not run."""
+        """Pool all worlds of a place; return None if the variant did not run there."""
         worlds = self.scores[variant].get(place)
         return pool(worlds) if worlds else None
 
     def moda(self, variant: str, place: str) -> list[float]:
-        """MODA of each world."""
+        """Return the MODA of each world."""
         return [score.moda for score in self.scores[variant][place]]
 
     def gain(self, first: str, second: str, place: str) -> Interval:
-        """MODA of one variant minus another's in one place."""
+        """Compute MODA of one variant minus that of another in one place."""
         one, two = self.pooled(first, place), self.pooled(second, place)
         assert one is not None
         assert two is not None
@@ -73,7 +73,7 @@ class Results:
     def gains(
         self, first: str, second: str, places: Sequence[str] | None = None
     ) -> dict[str, Interval]:
-        """The same in several places; None: in all where both ran."""
+        """Compute the gain in several places; None for all places where both ran."""
         if places is None:
             places = [p for p in self.scores[first] if p in self.scores[second]]
         return {place: self.gain(first, second, place) for place in places}
@@ -94,10 +94,10 @@ def evaluate(
         variants: the rows.
         options: seeds, frames and data folder.
         columns: the twins, by the paper's columns.
-        conditions: whether the same twins take part with a rougher ground (`ROUGH`) and without
+        conditions: whether to also test the twins with a rougher ground (`ROUGH`) and without
             embeddings (`BARE`), where more hypotheses are wrong.
-        tracking: whether tracking metrics are wanted.
-        others: whether scenarios and real data take part.
+        tracking: whether to compute tracking metrics.
+        others: whether to include scenarios and real data.
 
     Returns:
         The scores.
@@ -127,7 +127,7 @@ def evaluate(
 
 
 def other_sequences(options: Options) -> list[Data]:
-    """Scenarios, and of each real recording the last set of boxes: the one with most in it."""
+    """Return scenarios and, for each real recording, the last and fullest set of boxes."""
     last: dict[str, Data] = {}
     for sequence in real(options.data):
         last[sequence.name.split(" ")[0]] = sequence
@@ -141,13 +141,13 @@ def ablation_rows(
     *,
     conditions: bool = False,
 ) -> tuple[list[str], list[list[Cell]]]:
-    """Columns and rows: each twin beside the paper's column, their mean, then everything else.
+    """Make columns and rows: each twin beside the paper's column, their mean, then all else.
 
     Args:
         results: the scores.
-        paper: the paper's values of each variant, one a column; nothing for rows that it lacks.
+        paper: the paper's values of each variant, one per column; no entry for rows that it lacks.
         columns: the twins.
-        conditions: whether `CONDITIONS` have columns.
+        conditions: whether to add columns for `CONDITIONS`.
 
     Returns:
         Names of the columns and the rows.
@@ -175,12 +175,12 @@ def ablation_rows(
 
 
 def under_conditions(columns: Sequence[str]) -> list[str]:
-    """Names of the places where the twins stand under each of the conditions."""
+    """Name the places of the twins under each of the conditions."""
     return [column + condition for condition in CONDITIONS for column in columns]
 
 
 def cell(results: Results, variant: str, place: str) -> Cell:
-    """MODA with its interval, or a dash where the variant did not run."""
+    """Return MODA with its interval, or a dash if the variant did not run."""
     score = results.pooled(variant, place)
     return "-" if score is None else score.cell
 

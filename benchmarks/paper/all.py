@@ -1,4 +1,4 @@
-"""Every table, one after the other: `python -m benchmarks.paper.all --data DATA --out FOLDER`."""
+"""Make all tables in turn: `python -m benchmarks.paper.all --data DATA --out FOLDER`."""
 
 import importlib
 import time
@@ -27,7 +27,7 @@ TABLES = (
 
 
 def main() -> None:
-    """Make all tables; each is printed and written as soon as it is there."""
+    """Make all tables, printing and writing each when it is ready."""
     options, out = parse(__doc__ or "")
     claims = ["# What the tables say about the paper's claims", ""]
     for name in TABLES:

@@ -24,7 +24,7 @@ VARIANTS = (
 
 
 def table(options: Options) -> Table:
-    """MODA of one ray, two rays, all rays, and of the true calibration."""
+    """Compute the MODA of one ray, two rays, all rays, and the true calibration."""
     results = evaluate(VARIANTS, options)
     columns, rows = ablation_rows(results, PAPER)
     return Table(

@@ -1,8 +1,8 @@
 """Camera removal, beside the paper's Table "camk": `python -m benchmarks.paper.camera_removal`.
 
 Only the first k cameras provide rays; frames, boxes, rig and constants are unchanged. Sigma (Eq.
-sigma with w = 1) and co-visibility are those of the true rig at the annotated positions: a camera
-sees a person if the foot point is in its image, regardless of occlusion.
+sigma with w = 1) and co-visibility are computed with the true rig at the annotated positions: a
+camera sees a person if the foot point is in its image, regardless of occlusion.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ from catfree.types import Scene
 
 SIGMA_THETA = cf.Settings.paper().rays.sigma_theta
 REAL = "wildtrack_0_715"
-# Median sigma in centimetres (Table "sigmacurve"), co-visibility, MODA, recall, precision.
+# Median sigma in centimeters (Table "sigmacurve"), co-visibility, MODA, recall, precision.
 PAPER = {
     2: (76.4, 1.80, -8.51, 5.9, 29.0),
     3: (31.9, 2.76, 47.58, 49.4, 96.5),
@@ -38,13 +38,13 @@ METHODS = (("paper", cf.Settings.paper()), ("evidence", cf.Settings()))
 
 @dataclasses.dataclass(frozen=True)
 class Removal:
-    """One sequence, or several pooled, with the first k cameras.
+    """One sequence, or several pooled ones, with the first k cameras.
 
     Attributes:
-        cameras: k.
-        sigma: median in metres at the annotated positions; inf where most are seen by one camera.
-        covisibility: mean number of the k cameras that have an annotated person in the picture.
-        scores: by the name of the method.
+        cameras: number of cameras, k.
+        sigma: median in meters at the annotated positions; inf if most are seen by one camera.
+        covisibility: mean number of the k cameras with an annotated person in the picture.
+        scores: scores by name of the method.
     """
 
     cameras: int
@@ -55,7 +55,7 @@ class Removal:
 
 @cache
 def first_cameras(sequence: Sequence, count: int) -> Sequence:
-    """The sequence as its first cameras saw it, with the same rig, ground and extent."""
+    """Keep only the first cameras of a sequence, with the same rig, ground and extent."""
 
     def fewer(scene: Scene) -> Scene:
         rig = scene.rig.select(np.arange(count))
@@ -78,14 +78,14 @@ def first_cameras(sequence: Sequence, count: int) -> Sequence:
 def true_geometry(
     sequence: Sequence, frames: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sigma in metres and number of cameras of every annotated person, by the true rig.
+    """Compute sigma in meters and number of cameras of every annotated person, with the true rig.
 
     Args:
-        sequence: with a true scene.
-        frames: the frames that count; None for all.
+        sequence: a sequence with a true scene.
+        frames: frames to use; None for all.
 
     Returns:
-        (G,) sigma, inf below two cameras, and (G,) cameras.
+        (G,) sigma, inf below two cameras, and (G,) number of cameras.
     """
     scene = sequence.true_scene
     assert scene is not None
@@ -99,9 +99,9 @@ def true_geometry(
 
 
 def score_in_gauge(found: cf.Localization, fewer: Sequence, whole: Sequence) -> Score:
-    """Score with the alignment of the whole rig: two centres alone determine none.
+    """Score with the alignment of the whole rig, which two centers alone do not determine.
 
-    The cameras that were removed take no part in the localization, only in this alignment.
+    The removed cameras are not used in the localization, only in this alignment.
     """
     if whole.scene.metric or whole.true_centres is None:
         return score(found, fewer, tracking=False)
@@ -135,12 +135,12 @@ def remove_cameras(
 
 
 def median(sigma: np.ndarray) -> float:
-    """The upper median, which stays meaningful where some values are infinite."""
+    """Return the upper median, which is meaningful even if some values are infinite."""
     return float(np.sort(sigma)[len(sigma) // 2])
 
 
 def sources(options: Options) -> list[tuple[str, list[Sequence]]]:
-    """What the cameras are removed from: the twins of all seeds together, and WildTrack."""
+    """Return the data to remove cameras from: the twins of all seeds together, and WildTrack."""
     pooled = [twin("WildTrack", seed, options.frames) for seed in options.seeds]
     found = [("WildTrack twins", pooled)]
     if options.data is not None:
@@ -149,7 +149,7 @@ def sources(options: Options) -> list[tuple[str, list[Sequence]]]:
 
 
 def table(options: Options) -> Table:
-    """MODA, sigma and co-visibility against the number of cameras."""
+    """Tabulate MODA, sigma and co-visibility against the number of cameras."""
     rows: list[list[Cell]] = []
     verdicts: list[str] = []
     for label, sequences in sources(options):
@@ -185,9 +185,9 @@ def table(options: Options) -> Table:
 
 
 def judge(label: str, sweep: list[Removal]) -> list[str]:
-    """Whether accuracy follows the number of cameras, for each method."""
+    """Judge for each method whether accuracy increases with the number of cameras."""
     said = []
-    # A camera that sees few people leaves the median where it was, but for rounding.
+    # A camera that sees few people leaves the median unchanged, apart from rounding.
     falls = all(b.sigma <= (1 + 1e-3) * a.sigma for a, b in itertools.pairwise(sweep))
     for name in sweep[0].scores:
         intervals = [one.scores[name].intervals.moda for one in sweep]

@@ -15,9 +15,9 @@ UNTESTED = "not tested"
 
 
 def difference(first: Score, second: Score) -> Interval:
-    """MODA of the first minus the second in points, with its 95 % interval over the same frames.
+    """Compute MODA of the first minus the second in points, with its 95 % interval.
 
-    Blocks of successive frames are drawn with replacement, the same for both.
+    Blocks of successive frames are drawn with replacement, the same blocks for both.
     """
     one, two = first.detection, second.detection
     if not np.array_equal(one.frames, two.frames):
@@ -34,11 +34,11 @@ def difference(first: Score, second: Score) -> Interval:
 
 
 def higher(claim: str, gains: Mapping[str, Interval]) -> str:
-    """Verdict on "the first is better than the second", from the gain in each case.
+    """Judge "the first is better than the second" from the gain in each case.
 
-    A case supports the claim if the interval of its gain is above zero and contradicts it if the
-    interval is below; otherwise it leaves the claim open. The claim is reproduced if some case
-    supports it and none contradicts it.
+    A case supports the claim if the interval of its gain is above zero, contradicts it if the
+    interval is below, and otherwise leaves it open. The claim is reproduced if some case supports
+    it and none contradicts it.
     """
     outcome: dict[str, bool | None] = {
         place: None if gain.low <= 0 <= gain.high else gain.low > 0 for place, gain in gains.items()
@@ -47,23 +47,23 @@ def higher(claim: str, gains: Mapping[str, Interval]) -> str:
 
 
 def not_lower(claim: str, gains: Mapping[str, Interval]) -> str:
-    """Verdict on "it does no harm": a gain whose interval reaches zero supports it too."""
+    """Judge "it does no harm", which a gain whose interval reaches zero also supports."""
     return _sentence(claim, {p: gain.high >= 0 for p, gain in gains.items()}, _texts(gains))
 
 
 def alike(claim: str, gains: Mapping[str, Interval], tolerance: float) -> str:
-    """Verdict on "it changes nothing": the change is within a tolerance in points everywhere."""
+    """Judge "it changes nothing": all changes are within a tolerance in points."""
     holds = {place: abs(gain.value) <= tolerance for place, gain in gains.items()}
     return _sentence(f"{claim} (within {tolerance:g} points)", holds, _texts(gains))
 
 
 def holds_in(claim: str, outcome: Mapping[str, bool], evidence: Mapping[str, str]) -> str:
-    """Verdict on a claim that was decided case by case, each with its numbers."""
+    """Judge a claim that was decided case by case, each with its numbers."""
     return _sentence(claim, outcome, evidence)
 
 
 def within(claim: str, paper: Mapping[str, float], worlds: Mapping[str, Sequence[float]]) -> str:
-    """Verdict on the paper's own values: inside the range of our worlds, or above or below it."""
+    """Judge the paper's own values: within, above or below the range of our worlds."""
     outcome, evidence = {}, {}
     for place, said in paper.items():
         low, high = min(worlds[place]), max(worlds[place])
@@ -81,7 +81,7 @@ def _texts(gains: Mapping[str, Interval]) -> dict[str, str]:
 
 
 def _sentence(claim: str, outcome: Mapping[str, bool | None], evidence: Mapping[str, str]) -> str:
-    """`Claim: verdict (where, with numbers)`; None is a case that leaves the claim open."""
+    """Format `Claim: verdict (where, with numbers)`; None is a case that leaves the claim open."""
     if not outcome:
         return f"{claim}: **{UNTESTED}**, no data."
     places: dict[bool | None, list[str]] = {True: [], False: [], None: []}

@@ -1,4 +1,4 @@
-"""Command line shared by all table modules."""
+"""The command line shared by all table modules."""
 
 import argparse
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from benchmarks.paper.table import Table
 
 @dataclass(frozen=True)
 class Options:
-    """What a table is made from.
+    """Input of a table.
 
     Attributes:
         data: folder with `real/` and `scenarios/`, or None.
@@ -35,7 +35,7 @@ def parse(description: str) -> tuple[Options, Path | None]:
 
 
 def main(table: Callable[[Options], Table], name: str, description: str) -> None:
-    """Make one table, print it, and write it where `--out` says."""
+    """Make one table, print it, and write it to the folder given by `--out`."""
     options, out = parse(description)
     made = table(options)
     print(made.markdown(), flush=True)

@@ -1,8 +1,8 @@
-"""Ground-truth coverage stage by stage (Table "coverage"): `python -m benchmarks.paper.coverage`.
+"""People covered after each stage (Table "coverage"): `python -m benchmarks.paper.coverage`.
 
 A stage covers a person if a hypothesis that passes it is within 0.5 m. The stages are those of BK's
-first pass, without recovery. The separation of correct and wrong hypotheses by their distance to
-the ground is measured on hypotheses that pass the uncertainty filter inside the area; a hypothesis
+first pass, without recovery. How well the distance to the ground separates correct and wrong
+hypotheses is measured on hypotheses inside the area that pass the uncertainty filter; a hypothesis
 is correct if a person is within 0.5 m.
 """
 
@@ -24,7 +24,7 @@ from catfree.evaluation import align_centres, crop
 from catfree.evaluation._position_matching import match
 from catfree.types import Fate
 
-RADIUS, NEAR = 0.5, 1.0  # metres
+RADIUS, NEAR = 0.5, 1.0  # meters
 STAGES = {
     "all triangulated hypotheses": (),
     "+ angular consistency filter": (Fate.RMS_GATE,),
@@ -52,16 +52,16 @@ FIRST_PASS = changed(BK, selection={"recover": False})
 
 @dataclasses.dataclass(frozen=True)
 class Stages:
-    """The hypotheses of one sequence against its truth.
+    """Comparison of the hypotheses of one sequence with its truth.
 
     Attributes:
         covered: by stage, (G,) whether each person in the area is covered.
-        right: (H,) whether somebody stands within `RADIUS` of a hypothesis inside the area that
-            passed the uncertainty filter.
-        ground_distance: (H,) of the same hypotheses, in metres.
+        right: (H,) whether a person stands within `RADIUS` of a hypothesis that is inside the area
+            and passed the uncertainty filter.
+        ground_distance: (H,) distance of the same hypotheses, in meters.
         removed: (H,) whether the ground filter removed them.
         near: unmatched people of BT with an unmatched prediction between `RADIUS` and `NEAR`.
-        gained: MODA points if those were matched.
+        gained: MODA points gained if these were matched.
     """
 
     covered: dict[str, Bool[np.ndarray, " g"]]
@@ -100,13 +100,13 @@ def measure(sequence: Sequence) -> Stages:
         ground_distance=scale * candidates.ground_distance[kept],
         removed=candidates.fate[kept] == Fate.GROUND_FILTER,
         near=near,
-        gained=200 * near / max(len(truth), 1),  # a miss and a false positive each
+        gained=200 * near / max(len(truth), 1),  # each is a miss and a false positive
     )
 
 
 def nearest(points: Float[np.ndarray, "n 4"], others: Float[np.ndarray, "m 4"]) -> np.ndarray:
-    """(N,) distance in metres of each row to the nearest other row of its frame, inf without."""
-    # Frames are put so far apart that the nearest row of another frame is never the answer.
+    """Compute (N,) distances in meters to the nearest other row of the frame; inf without one."""
+    # Frames are placed so far apart that the nearest row is never in another frame.
     apart = 1e4
     if len(points) == 0 or len(others) == 0:
         return np.full(len(points), np.inf)
@@ -116,7 +116,7 @@ def nearest(points: Float[np.ndarray, "n 4"], others: Float[np.ndarray, "m 4"]) 
 
 
 def near_misses(sequence: Sequence) -> int:
-    """People whom BT misses by `RADIUS` to `NEAR`, each paired with one unmatched prediction."""
+    """Count people whom BT misses by `RADIUS` to `NEAR`, each with one unmatched prediction."""
     area = sequence.area or (-np.inf, np.inf, -np.inf, np.inf)
     rows = crop(ground_rows(localize(sequence, BT).tracks, sequence), area)
     truth = crop(sequence.ground_truth, area)
@@ -134,7 +134,7 @@ def near_misses(sequence: Sequence) -> int:
 
 
 def area_under_curve(right: np.ndarray, distance: np.ndarray) -> float:
-    """Probability that a wrong hypothesis is farther from the ground than a right one."""
+    """Estimate how probably a wrong hypothesis is farther from the ground than a right one."""
     rights = int(right.sum())
     wrongs = len(right) - rights
     if not rights or not wrongs:
@@ -144,7 +144,7 @@ def area_under_curve(right: np.ndarray, distance: np.ndarray) -> float:
 
 
 def table(options: Options) -> Table:
-    """Coverage after each stage, near misses, and what the ground distance separates."""
+    """Tabulate coverage after each stage, near misses, and the power of the ground distance."""
     places: dict[str, list[Stages]] = {
         column: [measure(twin(column, seed, options.frames)) for seed in options.seeds]
         for column in DEVELOPMENT
@@ -174,7 +174,7 @@ def table(options: Options) -> Table:
 
 
 def summary(parts: Several[Stages]) -> dict[str, float]:
-    """All worlds of a place together, by the rows' labels."""
+    """Summarize all worlds of a place, by label of the row."""
     found = {
         stage: 100 * float(np.concatenate([part.covered[stage] for part in parts]).mean())
         for stage in STAGES
@@ -191,7 +191,7 @@ def summary(parts: Several[Stages]) -> dict[str, float]:
 
 
 def verdicts(values: dict[str, dict[str, float]]) -> tuple[str, ...]:
-    """Where people are lost, and what the ground distance tells apart."""
+    """Judge where people are lost, and how well the ground distance separates hypotheses."""
     first, last = "all triangulated hypotheses", "+ ground-plane filter"
     never = {place: 100 - v[first] for place, v in values.items()}
     rejected = {place: v[first] - v[last] for place, v in values.items()}

@@ -1,4 +1,4 @@
-"""Wrong pairs that pass both filters (Table "failure"): `python -m benchmarks.paper.failure`."""
+"""Wrong pairs that both filters accept (Table "failure"): `python -m benchmarks.paper.failure`."""
 
 import itertools
 
@@ -14,8 +14,8 @@ FILTERS = ("uncertainty", "both")
 
 
 def table(options: Options, samples: int = SAMPLES) -> Table:
-    """Percentage of wrong pairs that pass, by separation and angle; the paper's in brackets."""
-    del options  # needs no data
+    """Tabulate percentages of accepted wrong pairs by separation and angle; paper in brackets."""
+    del options  # unused: needs no data
     ours = {separation: survival(separation, samples, seed=0) for separation in PAPER}
     rows: list[list[Cell]] = [
         [

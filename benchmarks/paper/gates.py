@@ -42,7 +42,7 @@ VARIANTS = (
 
 
 def table(options: Options) -> Table:
-    """MODA of the nine variants, on the recovered ground as it is and on a rougher one."""
+    """Compute the MODA of the nine variants, on the recovered ground and on a rougher one."""
     results = evaluate(VARIANTS, options, conditions=True)
     columns, rows = ablation_rows(results, PAPER, conditions=True)
     twins = [*DEVELOPMENT, *under_conditions(DEVELOPMENT)]

@@ -1,6 +1,6 @@
 """The filters on the eight-camera twin (Table "gatesunseen"): `-m benchmarks.paper.gates_unseen`.
 
-The paper has five sequences of one installation; a twin has one world per seed.
+The paper has five sequences of one installation; our twin has one world per seed.
 """
 
 from benchmarks.paper import claims
@@ -29,7 +29,7 @@ VARIANTS = (
 
 
 def table(options: Options) -> Table:
-    """MODA of the four variants on the worlds of the eight-camera twin."""
+    """Compute the MODA of the four variants on the worlds of the eight-camera twin."""
     results = evaluate(VARIANTS, options, columns=(UNSEEN,), conditions=True, others=False)
     means = {name: values[-1:] for name, values in PAPER.items()}
     columns, rows = ablation_rows(results, means, (UNSEEN,), conditions=True)

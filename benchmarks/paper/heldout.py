@@ -1,8 +1,8 @@
-"""Blocks of WildTrack, beside "heldoutwt": `python -m benchmarks.paper.heldout --data D`.
+"""Blocks of WildTrack, as in Table "heldoutwt": `python -m benchmarks.paper.heldout --data D`.
 
-Each method runs once over all frames, with the true rig and with a rig from the people alone
-(`cf.calibrate`; the paper's came from the images of other frames), and every block is scored on its
-own. The recording, the frames and the annotation are the paper's; the boxes are not.
+Each method runs once over all frames, with the true rig and with a rig from people alone
+(`cf.calibrate`; the paper's rig came from the images of other frames), and every block is scored
+separately. The recording, frames and annotation are the paper's, but not the boxes.
 """
 
 import dataclasses
@@ -19,8 +19,8 @@ from catfree.errors import CalibrationError
 from catfree.evaluation import DetectionMetrics
 
 BLOCK_FRAMES = 200
-# First frame of a block: people a frame, cameras a person, MODA with the recovered rig and with
-# the true one; None for all 360 unused frames.
+# By first frame of a block: people per frame, cameras per person, MODA with the recovered and with
+# the true rig; None for all 360 unused frames.
 PAPER: dict[int | None, tuple[float, float, float, float]] = {
     0: (24.7, 3.68, 33.37, 40.34),
     200: (17.6, 3.74, 48.22, 52.49),
@@ -37,7 +37,7 @@ RIGS = ("true", "estimated")
 
 
 def part_of(score: Score, frames: np.ndarray) -> Score:
-    """The score of some of the frames."""
+    """Restrict a score to some frames."""
     whole = score.detection
     own = np.isin(whole.frames, frames)
     counts = {
@@ -51,20 +51,20 @@ def part_of(score: Score, frames: np.ndarray) -> Score:
 
 
 def estimated(sequence: Sequence) -> Sequence | None:
-    """The sequence with the rig that its people give, or None where they give none."""
+    """Estimate the rig from the people of a sequence; return None if that fails."""
     try:
         found = cf.calibrate(sequence.detections, sequence.scene.rig.image_size)
     except CalibrationError:
         return None
     if found.scene.rig.registered.sum() < 3:
-        return None  # fewer centres cannot be aligned
+        return None  # fewer centers cannot be aligned
     centres = np.asarray(sequence.scene.rig.centers)
-    scene = dataclasses.replace(found.scene, metric=False)  # aligned by a similarity, scale too
+    scene = dataclasses.replace(found.scene, metric=False)  # the similarity aligns its scale
     return dataclasses.replace(sequence, scene=scene, true_centres=centres)
 
 
 def blocks(sequence: Sequence) -> list[tuple[int | None, np.ndarray]]:
-    """First frame number and frames of each block, then all frames."""
+    """Return first frame number and frames of each block, then all frames."""
     number = sequence.frames // BLOCK_FRAMES
     parts: list[tuple[int | None, np.ndarray]] = [
         (BLOCK_FRAMES * int(one), sequence.frames[number == one]) for one in np.unique(number)
@@ -73,7 +73,7 @@ def blocks(sequence: Sequence) -> list[tuple[int | None, np.ndarray]]:
 
 
 def scores_of(sequence: Sequence) -> dict[tuple[str, str], Score]:
-    """Score of the whole sequence by method and rig; without the estimated rig where none is."""
+    """Score the sequence by method and rig, omitting the estimated rig if there is none."""
     found = {}
     for rig, one in (("true", sequence), ("estimated", estimated(sequence))):
         if one is not None:
@@ -83,7 +83,7 @@ def scores_of(sequence: Sequence) -> dict[tuple[str, str], Score]:
 
 
 def table(options: Options) -> Table:
-    """MODA of every block."""
+    """Compute the MODA of every block."""
     sequences = [] if options.data is None else list(real(options.data))
     chosen = [one for one in sequences if one.name == REAL]
     columns = ["frames", "people a frame", "paper", "cameras a person", "paper",
@@ -138,7 +138,7 @@ def table(options: Options) -> Table:
 
 
 def judge(moda: dict[tuple[str, str], list[float]], said: dict[str, list[float]]) -> list[str]:
-    """Whether the blocks come out in the paper's order, and whether the true rig helps little."""
+    """Judge whether the blocks rank as in the paper, and whether the true rig helps little."""
     verdicts = []
     for (method, rig), values in moda.items():
         count = min(len(values), len(said[rig]))

@@ -1,8 +1,8 @@
-"""Alignment without one camera, beside "gauge": `python -m benchmarks.paper.leave_one_out`.
+"""Alignment without one camera, as in Table "gauge": `python -m benchmarks.paper.leave_one_out`.
 
-The similarity from the recovered camera centers to the true ones is fitted again without each
-camera, and all predictions are scored again, which shows how much the score depends on the
-alignment. The position of the withheld center shows how accurate the rig is.
+The similarity from the recovered to the true camera centers is refitted without each camera in
+turn, and all predictions are scored again, which shows how much the score depends on the alignment.
+The error of the withheld center shows how accurate the rig is.
 """
 
 import numpy as np
@@ -14,17 +14,17 @@ from benchmarks.paper.sequences import DEVELOPMENT, Sequence, scenarios, twin
 from benchmarks.paper.table import Cell, Table
 from catfree.evaluation import LeaveOneOut, leave_one_camera_out
 
-# All-camera MODA, mean, smallest and SD of the refits, error of the withheld centre in metres.
+# All-camera MODA, mean, smallest and SD of the refits, error of the withheld center in meters.
 PAPER = {
     "WildTrack": (82.46, 81.87, 79.62, 1.13, 0.30),
     "MultiviewX": (84.54, 84.56, 84.27, 0.16, 0.19),
     "GMVD": (65.69, 64.64, 62.48, 1.14, 0.40),
 }
-MEAN_LOSS, WORST_LOSS = 1.1, 3.21  # the paper's largest
+MEAN_LOSS, WORST_LOSS = 1.1, 3.21  # the largest in the paper
 
 
 def refits(sequence: Sequence, method: str) -> LeaveOneOut:
-    """MODA of one run under all alignments."""
+    """Compute the MODA of one run under all alignments."""
     tracks = localize(sequence, dict(METHODS)[method]).tracks
 
     def moda(positions: np.ndarray) -> float:
@@ -35,7 +35,7 @@ def refits(sequence: Sequence, method: str) -> LeaveOneOut:
 
 
 def table(options: Options) -> Table:
-    """One row a sequence and method."""
+    """Tabulate one row per sequence and method."""
     sequences = [twin(name, seed, options.frames) for name in DEVELOPMENT for seed in options.seeds]
     if options.data is not None:
         sequences += list(scenarios(options.data))
@@ -73,7 +73,7 @@ def table(options: Options) -> Table:
 
 
 def judge(method: str, losses: list[tuple[float, float]]) -> str:
-    """Whether the score survives another alignment."""
+    """Judge whether the score survives another alignment."""
     mean, worst = np.mean(losses, axis=0)
     within = [m <= MEAN_LOSS and w <= WORST_LOSS for m, w in losses]
     if mean <= MEAN_LOSS and worst <= WORST_LOSS:

@@ -32,7 +32,7 @@ VARIANTS = tuple(Variant(name, settings) for name, settings in SETTINGS.items())
 
 
 def table(options: Options) -> Table:
-    """MODA of each step, and what each step says about the one before it."""
+    """Compute the MODA of each step, and its gain over the previous step."""
     results = evaluate(VARIANTS, options)
     columns, rows = ablation_rows(results, PAPER)
     columns = [columns[0], "Settings", *columns[1:]]
@@ -40,7 +40,7 @@ def table(options: Options) -> Table:
     steps = [
         claims.higher(f"Step {before} to {after} raises MODA", results.gains(after, before))
         for before, after in pairwise(SETTINGS)
-        if after not in ("BF", "BT")  # the paper's own gains there differ in sign or are zero
+        if after not in ("BF", "BT")  # the paper's own gains for these differ in sign or are zero
     ]
     return Table(
         'Cumulative changes, MODA (paper: Table "lineage")',

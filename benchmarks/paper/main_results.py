@@ -52,7 +52,7 @@ COLUMNS = [
 
 
 def table(options: Options) -> Table:
-    """Localization and tracking of both methods: twins, scenarios, real data."""
+    """Tabulate localization and tracking of both methods on twins, scenarios and real data."""
     rows: list[list[Cell]] = []
     worlds: dict[str, dict[str, list[Score]]] = {}
     for label, values in PAPER.items():
@@ -86,7 +86,7 @@ def table(options: Options) -> Table:
 def verdicts(
     worlds: dict[str, dict[str, list[Score]]], further: dict[str, dict[str, list[Score]]]
 ) -> tuple[str, ...]:
-    """What the numbers say about the paper's values and about our method."""
+    """Judge the paper's values and our method."""
     paper = {name: methods[PAPER_METHOD] for name, methods in worlds.items()}
     pooled = {name: pool(scores) for name, scores in paper.items()}
     precision = {name: float(score.detection.precision) for name, score in pooled.items()}
@@ -119,7 +119,7 @@ def verdicts(
 def _add(
     rows: list[list[Cell]], label: str, sequences: Several[Sequence]
 ) -> dict[str, list[Score]]:
-    """Append a row a method and return the scores of each sequence."""
+    """Append one row per method and return the scores of each sequence."""
     scores: dict[str, list[Score]] = {}
     for method, settings in METHODS.items():
         scores[method] = [run(sequence, settings, tracking=True) for sequence in sequences]
@@ -148,7 +148,7 @@ def _texts(values: Several[float]) -> list[Cell]:
 
 
 def _outside_counted(sequences: Several[Sequence], settings: cf.Settings) -> Cell:
-    """MODA when predictions outside the annotated area are false positives."""
+    """Compute MODA with predictions outside the annotated area as false positives."""
     if any(sequence.area is None for sequence in sequences):
         return "-"
     parts = [

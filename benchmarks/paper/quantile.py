@@ -15,7 +15,7 @@ PAPER = {
     "fixed quantile p70": (76.26, 84.27, 67.38, 75.97),
     OURS: (82.46, 84.54, 65.69, 77.56),
 }
-# The paper stops at the 70th percentile; higher ones say whether its best is the best.
+# The paper stops at the 70th percentile; higher ones show whether its best is the overall best.
 FURTHER = {f"fixed quantile p{share}": share / 100 for share in (80, 90)}
 VARIANTS = (
     *(
@@ -27,7 +27,7 @@ VARIANTS = (
 
 
 def table(options: Options) -> Table:
-    """MODA with each threshold rule."""
+    """Compute the MODA with each threshold rule."""
     results = evaluate(VARIANTS, options)
     columns, rows = ablation_rows(results, PAPER)
     best = {column: best_quantile(results, column, list(FIXED)) for column in DEVELOPMENT}
@@ -65,7 +65,7 @@ def table(options: Options) -> Table:
 
 
 def best_quantile(results: Results, place: str, names: list[str]) -> str:
-    """The fixed quantile with the highest MODA in a place."""
+    """Find the fixed quantile with the highest MODA in a place."""
     return max(names, key=lambda name: sum(results.moda(name, place)))
 
 

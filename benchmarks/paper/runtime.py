@@ -1,6 +1,6 @@
 """CPU seconds by stage of both methods (Sec. Runtime): `python -m benchmarks.paper.runtime`.
 
-CPU seconds of all threads of a warm run, so that other work on the machine does not count. The
+CPU seconds are those of all threads in a warm run, so other load on the machine does not count. The
 paper's seconds are wall time on a workstation with an RTX A6000.
 """
 
@@ -16,12 +16,12 @@ from benchmarks.paper.variants import BT, EVIDENCE
 # Wall seconds from detection through tracking; GMVD: 158 to 230.
 PAPER = {"WildTrack": "135", "MultiviewX": "237", "GMVD": "158-230", "GMVD c2": ""}
 STAGES = ("tracklets", "association", "positions", "selection", "trajectories")
-PAPER_SHARE = (61, 71)  # percent of the time in the association
+PAPER_SHARE = (61, 71)  # percent of the time spent in association
 METHODS = {"paper's method": BT, "evidence method": EVIDENCE}
 
 
 def stage_seconds(sequence: Sequence, settings: cf.Settings) -> dict[str, float]:
-    """CPU seconds of each stage of a warm run, by the names that progress reports."""
+    """Measure CPU seconds of each stage of a warm run, by the names that progress reports."""
     cf.localize(sequence.detections, sequence.scene, settings)
     marks = [("preparation", time.process_time())]
 
@@ -37,7 +37,7 @@ def stage_seconds(sequence: Sequence, settings: cf.Settings) -> dict[str, float]
 
 
 def table(options: Options) -> Table:
-    """One row a twin and method, from the first seed."""
+    """Tabulate one row per twin and method, from the first seed."""
     rows: list[list[Cell]] = []
     share: dict[str, float] = {}
     for made in TWINS:

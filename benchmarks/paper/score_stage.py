@@ -9,7 +9,7 @@ from benchmarks.paper.variants import BT, changed
 
 WITH, WITHOUT = "with the score", "without the score"
 COLUMNS = (*DEVELOPMENT, UNSEEN)
-# What removing the stage changes, in points of MODA.
+# Effect of removing the stage, in points of MODA.
 PAPER_CHANGE = (0.10, 0.07, 0.02, 0.02)
 WITH_SCORE = (82.46, 84.54, 65.69, 78.55)
 PAPER = {
@@ -21,7 +21,7 @@ TOLERANCE = 0.5  # points; the paper's largest change is 0.1
 
 
 def table(options: Options) -> Table:
-    """MODA with and without the seven-signal score."""
+    """Compute the MODA with and without the seven-signal score."""
     results = evaluate(VARIANTS, options, columns=COLUMNS)
     columns, rows = ablation_rows(results, PAPER, COLUMNS)
     return Table(

@@ -1,4 +1,4 @@
-"""Scores with bootstrap intervals over frames, one sequence or several seeds of a twin pooled."""
+"""Scores of one sequence or several pooled seeds, with bootstrap intervals over frames."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -27,13 +27,13 @@ from catfree.evaluation import (
     tracking_metrics,
 )
 
-BLOCK = 10  # successive frames drawn together: five seconds of a crowd at two frames a second
+BLOCK = 10  # successive frames drawn together: five seconds at two frames per second
 SAMPLES = 2000
 
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """Metrics of one run, or of several pooled.
+    """Metrics of one run, or of several pooled runs.
 
     Attributes:
         detection: MODA, MODP, precision and recall at 0.5 m.
@@ -52,7 +52,7 @@ class Score:
 
     @property
     def intervals(self) -> DetectionIntervals:
-        """95 % intervals of the detection rates, blocks of frames drawn with replacement."""
+        """95 % intervals of the detection rates, drawing blocks of frames with replacement."""
         block = max(1, min(BLOCK, len(self.detection.frames) // 4))
         return bootstrap(self.detection, SAMPLES, block_length=block)
 
@@ -65,12 +65,12 @@ class Score:
 def ground_rows(
     tracks: cf.Tracks, sequence: Sequence, scene: cf.Scene | None = None
 ) -> Float[np.ndarray, "m 4"]:
-    """Track rows in metres: as they are in a metric scene, else aligned by the camera centres.
+    """Return track rows in meters: as given in a metric scene, else aligned by the camera centers.
 
     Args:
         tracks: the result.
-        sequence: whose truth is used; only its true camera centres.
-        scene: that the result was made with; None: the sequence's own.
+        sequence: sequence with the truth; only its true camera centers are used.
+        scene: scene of the result; None for the sequence's own.
 
     Returns:
         (M, 4) rows [frame, id, x, y].
@@ -87,7 +87,7 @@ def ground_rows(
 
 
 def world_covariance(tracks: cf.Tracks, sequence: Sequence) -> np.ndarray:
-    """(M, 2, 2) covariance in metres along the axes of the ground truth."""
+    """Return the (M, 2, 2) covariance in meters along the axes of the ground truth."""
     axes = np.asarray(sequence.scene.ground.basis)
     if not sequence.scene.metric and sequence.true_centres is not None:
         align = align_centres(np.asarray(sequence.scene.rig.centers), sequence.true_centres)
@@ -99,7 +99,7 @@ def world_covariance(tracks: cf.Tracks, sequence: Sequence) -> np.ndarray:
 def score_rows(
     rows: Float[np.ndarray, "m 4"], sequence: Sequence, *, tracking: bool = True
 ) -> Score:
-    """Score rows in metres; those outside the area are ignored, as the paper's evaluator does."""
+    """Score rows in meters, ignoring those outside the area, as the paper's evaluator does."""
     truth = sequence.ground_truth
     if sequence.area is not None:
         rows, truth = crop(rows, sequence.area), crop(truth, sequence.area)
@@ -121,13 +121,13 @@ def score(
     *,
     tracking: bool = True,
 ) -> Score:
-    """Score a result, after the similarity alignment on camera centres where the rig is estimated.
+    """Score a result, after the similarity alignment of camera centers if the rig is estimated.
 
     Args:
         localization: the result.
-        sequence: what it was made from.
-        scene: the scene that was used instead of the sequence's, or None.
-        tracking: whether the tracking metrics are wanted too.
+        sequence: sequence that was localized.
+        scene: scene used instead of the sequence's, or None.
+        tracking: whether to compute tracking metrics.
 
     Returns:
         The score.
@@ -137,7 +137,7 @@ def score(
 
 
 def pool(scores: Iterable[Score]) -> Score:
-    """The scores of several sequences as one: all counts are added, all frames resampled."""
+    """Pool the scores of several sequences: all counts are added, all frames resampled."""
     parts = list(scores)
     tracking = [part.tracking for part in parts if part.tracking is not None]
     hotas = [part.hota for part in parts if part.hota is not None]
@@ -152,12 +152,12 @@ def pool(scores: Iterable[Score]) -> Score:
 def localize(
     sequence: Sequence, settings: cf.Settings, *, true_rig: bool = False
 ) -> cf.Localization:
-    """`cf.localize`, remembered: several tables need the same runs.
+    """Call `cf.localize` with a memory, because several tables need the same runs.
 
     Args:
-        sequence: what to localize.
-        settings: how.
-        true_rig: with the true scene instead of the recovered one.
+        sequence: sequence to localize.
+        settings: settings of the run.
+        true_rig: whether to use the true scene instead of the recovered one.
     """
     scene = sequence.true_scene if true_rig else sequence.scene
     assert scene is not None
@@ -168,7 +168,7 @@ def localize(
 def run(
     sequence: Sequence, settings: cf.Settings, *, true_rig: bool = False, tracking: bool = False
 ) -> Score:
-    """Localize and score, remembered."""
+    """Localize and score, with a memory."""
     scene = sequence.true_scene if true_rig else sequence.scene
     found = localize(sequence, settings, true_rig=true_rig)
     return score(found, sequence, scene, tracking=tracking)

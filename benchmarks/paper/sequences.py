@@ -1,8 +1,8 @@
-"""Sequences of the tables: simulated twins, scenario folders, real data.
+"""Sequences for the tables: simulated twins, scenario folders, and real data.
 
 A twin is a simulated world that imitates one of the paper's data sets. Its parameters were chosen
-once, from the paper and from the library's defaults, before any table was computed, and are never
-changed to support a claim:
+once, from the paper and the library's defaults, before any table was computed, and never change to
+support a claim:
 
 - cameras, area, frame rate and crowd are the library's layouts (`catfree.synthetic._layouts`):
   seven uneven cameras (WildTrack), six around a dense crowd (MultiviewX), six and eight around a
@@ -11,15 +11,15 @@ changed to support a claim:
   frame) are the paper's;
 - a third as many bystanders outside the area as people in it, groups of up to four, a third of
   the groups standing: the defaults of `make_world`;
-- the rig is off by the default `RigError`, which puts the root mean square of the angle between a
-  foot ray and its person at about the paper's sigma_theta of 0.0206 rad;
-- the detector is the default `DetectorModel`, but on GMVD it finds 68.2 % of the visible people
-  and confirms 43.8 % of the ankles, as the paper reports of its detector there.
+- the rig is off by the default `RigError`, so the root mean square of the angle between a foot ray
+and its person is about the paper's sigma_theta of 0.0206 rad;
+- the detector is the default `DetectorModel`, but on GMVD it finds 68.2 % of the visible people and
+  confirms 43.8 % of the ankles, as the paper reports for its detector there.
 
-`python -m benchmarks.paper.twins` measures each of these on the worlds.
+`python -m benchmarks.paper.twins` measures these properties on the worlds.
 
-With `rough_ground=True` the recovered ground is off by 1 degree and 0.2 m instead of half a degree
-and 5 cm, with everything else unchanged: the second condition under which claims are tested.
+With `rough_ground=True`, the recovered ground is off by 1 degree and 0.2 m instead of half a degree
+and 5 cm, with everything else unchanged: the second condition for testing claims.
 """
 
 import dataclasses
@@ -36,14 +36,14 @@ from catfree.adapters import MultiViewSequence, read_scenario, read_uniform_json
 from catfree.errors import CatFreeError
 from catfree.synthetic import DetectorModel, RigError, World, make_world
 
-# Probabilities of a find and of a confirmed ankle that give the two shares above.
+# Probabilities of a detection and of a confirmed ankle that give the two shares above.
 GMVD_DETECTOR = DetectorModel(detection_rate=0.735, ankle_rate=0.51)
 ROUGH_GROUND = RigError(ground_tilt_deg=1.0, ground_offset=0.2)
 
 
 @dataclasses.dataclass(frozen=True)
 class Twin:
-    """How one twin is made: the paper's column it stands for, and its world."""
+    """Definition of a twin: the paper's column that it stands for, and its world."""
 
     paper: str
     layout: str
@@ -68,17 +68,17 @@ class Sequence:
 
     Attributes:
         name: unique name.
-        detections: what the methods get.
-        scene: what the methods get: recovered in an arbitrary gauge, or true and metric.
-        ground_truth: (N, 4) rows [frame, id, x, y] in metres; id -1 where unknown.
+        detections: boxes for the methods.
+        scene: scene for the methods: recovered in an arbitrary gauge, or true and metric.
+        ground_truth: (N, 4) rows [frame, id, x, y] in meters; id -1 if unknown.
         frames: (F,) evaluated frames.
-        area: evaluation area (x_min, x_max, y_min, y_max) in metres, or None for everywhere.
-        true_centres: (C, 3) true camera centres in metres, or None.
-        true_scene: the true rig and ground in metres, or None where nobody knows them.
+        area: evaluation area (x_min, x_max, y_min, y_max) in meters, or None for everywhere.
+        true_centres: (C, 3) true camera centers in meters, or None.
+        true_scene: the true rig and ground in meters, or None if unknown.
         kind: "twin", "scenario" or "real".
-        paper: the paper's column that a twin stands for, or "".
-        seed: of a twin.
-        world: of a twin, for what only the simulation knows; None elsewhere.
+        paper: the paper's column for a twin, or "".
+        seed: seed of a twin.
+        world: world of a twin, with everything known only in simulation; otherwise None.
     """
 
     name: str
@@ -96,7 +96,7 @@ class Sequence:
 
     @classmethod
     def of_world(cls, world: World, name: str, **labels: Any) -> "Sequence":
-        """What a method gets of a simulated world; `labels` are the attributes that are left."""
+        """Make the methods' input from a simulated world; `labels` are the remaining attributes."""
         return cls(
             name=name,
             detections=world.detections,
@@ -120,7 +120,7 @@ class Sequence:
 def twin(
     paper: str, seed: int, frames: int | None = None, *, rough_ground: bool = False
 ) -> Sequence:
-    """One twin by the paper's column it stands for; `frames` replaces the paper's number."""
+    """Make the twin of one of the paper's columns; `frames` replaces the paper's number."""
     made = next(twin for twin in TWINS if twin.paper == paper)
     count = made.frames if frames is None else frames
     error = ROUGH_GROUND if rough_ground else RigError()
@@ -139,12 +139,12 @@ def twin(
 def twins(
     seed: int = 0, frames: int | None = None, *, rough_ground: bool = False
 ) -> list[Sequence]:
-    """The four twins of one seed, in the order of `TWINS`; `frames` shortens all of them."""
+    """Make the four twins of one seed, in the order of `TWINS`; `frames` shortens all of them."""
     return [twin(made.paper, seed, frames, rough_ground=rough_ground) for made in TWINS]
 
 
 def scenarios(folder: Path | None) -> Iterator[Sequence]:
-    """The simulated scenes `folder/scenarios/*`, with their disturbed rigs; none without them."""
+    """Yield the simulated scenes `folder/scenarios/*`, with their disturbed rigs, if any."""
     paths = sorted(folder.glob("scenarios/*/rig.json")) if folder else []
     if not paths:
         _skip("scenarios", folder)
@@ -153,7 +153,7 @@ def scenarios(folder: Path | None) -> Iterator[Sequence]:
 
 
 def real(folder: Path | None) -> Iterator[Sequence]:
-    """The real sequences `folder/real/*.json`, with true rigs and every set of boxes they hold."""
+    """Yield the real sequences `folder/real/*.json`, with true rigs, once per set of boxes."""
     paths = sorted(folder.glob("real/*.json")) if folder else []
     if not paths:
         _skip("real sequences", folder)
@@ -166,14 +166,14 @@ def real(folder: Path | None) -> Iterator[Sequence]:
             try:
                 read = read_uniform_json(path, **options)
             except CatFreeError:
-                continue  # this file has no such boxes or embeddings
+                continue  # the file has no such boxes or embeddings
             if len(read.ground_truth) and read.scene is not None:
                 yield _carried(read, path.stem + label, "real")
 
 
 @cache
 def without_embeddings(sequence: Sequence) -> Sequence:
-    """The same boxes without appearance vectors."""
+    """Remove appearance vectors from the boxes."""
     boxes = sequence.detections
     bare = cf.Detections(boxes.frame, boxes.camera, boxes.box, boxes.score, boxes.ankles_confirmed)
     return dataclasses.replace(
@@ -198,6 +198,6 @@ def _carried(read: MultiViewSequence, name: str, kind: str) -> Sequence:
 
 @cache
 def _skip(what: str, folder: Path | None) -> None:
-    """Say once that something is not there."""
+    """Report once that something is missing."""
     place = f"in {folder}" if folder else "because no --data folder was given"
     print(f"Skipped: no {what} {place}.")

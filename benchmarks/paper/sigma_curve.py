@@ -1,9 +1,8 @@
-"""Sigma predicts MODA, beside "sigmacurve": `python -m benchmarks.paper.sigma_curve`.
+"""Sigma as a predictor of MODA (Table "sigmacurve"): `python -m benchmarks.paper.sigma_curve`.
 
-Settings differ in the number of cameras or in the time window, as in the paper: the first k cameras
-of all frames, and single windows with all cameras. The correlation is that of log sigma, median of
-the annotated positions by the true rig, with MODA. The label-free counterpart is
-the median sigma that the method reports, divided by the suppression radius.
+As in the paper, settings differ in the number of cameras or in the time window: the first k cameras
+of all frames, and single windows with all cameras. The correlation is between MODA and log sigma,
+the median at the annotated positions with the true rig. The label-free counterpart is
 """
 
 from dataclasses import dataclass
@@ -27,9 +26,9 @@ from benchmarks.paper.table import Cell, Table
 from catfree.evaluation import DetectionMetrics
 
 PAPER_PEARSON, PAPER_SPEARMAN = -0.98, -0.93
-STRONG = -0.90  # what still counts as the paper's claim
+STRONG = -0.90  # limit that still supports the paper's claim
 KINDS = {"sigma": "sigma at the true positions", "reported": "reported sigma, no labels"}
-WINDOWS = {"real": 200, "twin": 20}  # frame numbers a window: the paper's on WildTrack
+WINDOWS = {"real": 200, "twin": 20}  # frame numbers per window; the paper's on WildTrack
 
 
 @dataclass(frozen=True)
@@ -37,10 +36,10 @@ class Point:
     """One setting of one sequence.
 
     Attributes:
-        name: of the setting.
-        sigma: median at the annotated positions in metres.
-        reported: median sigma of the reported positions over the radius, NaN without any.
-        detection: the counts of every frame.
+        name: name of the setting.
+        sigma: median at the annotated positions in meters.
+        reported: median sigma of the reported positions over the radius, NaN without positions.
+        detection: counts of every frame.
     """
 
     name: str
@@ -50,7 +49,7 @@ class Point:
 
 
 def points(sequence: Sequence, method: str) -> list[Point]:
-    """The settings of one sequence: camera removal, then time windows with all cameras."""
+    """Compute the settings of one sequence: camera removal, then time windows with all cameras."""
     settings = dict(METHODS)[method]
     found = []
     cameras = sequence.scene.rig.camera_count
@@ -90,19 +89,19 @@ def points(sequence: Sequence, method: str) -> list[Point]:
 
 
 def pearson(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Correlation along the last axis of (..., N) values; NaN if one side is constant."""
+    """Correlate along the last axis of (..., N) values; NaN if one side is constant."""
     x, y = x - x.mean(-1, keepdims=True), y - y.mean(-1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         return (x * y).sum(-1) / np.sqrt((x * x).sum(-1) * (y * y).sum(-1))
 
 
 def spearman(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Rank correlation along the last axis of (..., N) values."""
+    """Correlate ranks along the last axis of (..., N) values."""
     return pearson(rankdata(x, axis=-1), rankdata(y, axis=-1))
 
 
 def resampled_moda(detection: DetectionMetrics, rng: np.random.Generator) -> np.ndarray:
-    """(SAMPLES,) MODA with blocks of frames drawn with replacement."""
+    """Compute (SAMPLES,) MODA, drawing blocks of frames with replacement."""
     n = len(detection.frames)
     length = min(BLOCK, n)
     start = rng.integers(n, size=(SAMPLES, -(-n // length)))
@@ -113,7 +112,7 @@ def resampled_moda(detection: DetectionMetrics, rng: np.random.Generator) -> np.
 
 
 def table(options: Options) -> Table:
-    """Every setting, and the correlations with their intervals."""
+    """Tabulate every setting, and the correlations with their intervals."""
     rows: list[list[Cell]] = []
     correlations: dict[tuple[str, str], tuple[float, float]] = {}
     for label, sequences in sources(options):
@@ -127,7 +126,7 @@ def table(options: Options) -> Table:
                 ])  # fmt: skip
             share = len(found) // len(sequences)
             for what in ("sigma", "reported"):
-                # The paper's curve is one recording's; pooled installations differ in more.
+                # The paper's curve is of one recording; pooled installations differ in more ways.
                 for at, sequence in enumerate(sequences):
                     own = f"{label}, seed {sequence.seed}" if len(sequences) > 1 else label
                     line, value = correlate(found[at * share : (at + 1) * share], what)
@@ -151,7 +150,7 @@ def table(options: Options) -> Table:
 
 
 def correlate(found: list[Point], what: str) -> tuple[list[Cell], tuple[float, float]]:
-    """A row with both correlations and their intervals, and the two values."""
+    """Make a row with both correlations and their intervals; also return the two values."""
     sigma = np.array([getattr(point, what) for point in found])
     usable = np.isfinite(sigma) & (sigma > 0)
     chosen = [point for point, ok in zip(found, usable, strict=True) if ok]
@@ -173,7 +172,7 @@ def correlate(found: list[Point], what: str) -> tuple[list[Cell], tuple[float, f
 
 
 def judge(correlations: dict[tuple[str, str], tuple[float, float]]) -> list[str]:
-    """One verdict a method and kind of sigma, over all recordings."""
+    """Judge each method and kind of sigma, over all recordings."""
     said = []
     for kind in dict.fromkeys(kind for _, kind in correlations):
         values = {label: r for (label, one), (r, _) in correlations.items() if one == kind}
@@ -192,7 +191,7 @@ def judge(correlations: dict[tuple[str, str], tuple[float, float]]) -> list[str]
 
 
 def _named(sequences: list[Sequence], found: list[Point]) -> list[tuple[Sequence, Point]]:
-    """Each point with the sequence that it came from; all sequences have equally many."""
+    """Pair each point with its sequence; all sequences have equally many points."""
     share = len(found) // len(sequences)
     return [(sequences[at // share], point) for at, point in enumerate(found)]
 

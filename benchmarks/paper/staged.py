@@ -1,7 +1,7 @@
-"""`cf.localize` with the paper's method, caching the first stages between variants.
+"""Run `cf.localize` with the paper's method, caching the first stages between variants.
 
-Association takes most of the time and does not depend on filters or trajectories, which
-most tables vary. The result is that of `cf.localize`; `tests/benchmarks` compares them.
+Association takes most of the time and does not depend on filters or trajectories, which most tables
+vary. The result equals that of `cf.localize`; `tests/benchmarks` compares them.
 """
 
 import dataclasses
@@ -19,16 +19,16 @@ from catfree.settings import SelectionSettings, TrajectorySettings
 
 
 def localize_staged(sequence: Sequence, scene: cf.Scene, settings: cf.Settings) -> cf.Localization:
-    """Localize by the paper's method, or as `cf.localize` does for any other.
+    """Localize by the paper's method; use `cf.localize` for any other.
 
     Args:
-        sequence: whose boxes to localize.
+        sequence: sequence to localize.
         scene: the recovered or the true scene of the sequence.
-        settings: of the run.
+        settings: settings of the run.
     """
     if settings.method != "paper":
         return cf.localize(sequence.detections, scene, settings)
-    # Filters and trajectories come later: every variant of them shares one association.
+    # Filters and trajectories come later, so all their variants share one association.
     first = dataclasses.replace(
         settings, selection=SelectionSettings(), trajectories=TrajectorySettings()
     )
@@ -40,7 +40,7 @@ def localize_staged(sequence: Sequence, scene: cf.Scene, settings: cf.Settings) 
 
 @cache
 def _associate(sequence: Sequence, true_rig: bool, settings: cf.Settings) -> Associated | None:
-    """The stages of the paper up to the cross-view groups; None without any boxes."""
+    """Run the stages of the paper up to the cross-view groups; return None without boxes."""
     scene = sequence.true_scene if true_rig else sequence.scene
     assert scene is not None
     keep = usable(sequence.detections, scene, settings)

@@ -1,4 +1,4 @@
-"""A table of results with the paper's numbers beside ours, as Markdown and CSV."""
+"""Tables of results with the paper's numbers beside ours, as Markdown and CSV."""
 
 import csv
 import io
@@ -13,15 +13,15 @@ Cell = str | float | int | Interval | None
 
 @dataclass(frozen=True)
 class Table:
-    """One table.
+    """A table of results.
 
     Attributes:
-        title: what it shows, and the paper's label of the table it stands beside.
+        title: content, and the paper's label of the matching table.
         columns: names of the columns.
-        rows: one tuple a row, as long as `columns`; None is an empty cell, an interval is shown
-            with its ends.
+        rows: one tuple per row, as long as `columns`; None is an empty cell, and an interval is
+            shown with its ends.
         notes: sentences below the table.
-        verdicts: one sentence for each claim of the paper that the numbers test.
+        verdicts: one sentence per tested claim of the paper.
     """
 
     title: str
@@ -31,7 +31,7 @@ class Table:
     verdicts: Sequence[str] = field(default=())
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a row that does not fit the columns."""
+        """Raise ValueError for a row that does not match the columns."""
         for row in self.rows:
             if len(row) != len(self.columns):
                 raise ValueError(
@@ -39,7 +39,7 @@ class Table:
                 )
 
     def markdown(self) -> str:
-        """The table as Markdown, with title, notes and verdicts."""
+        """Format the table as Markdown, with title, notes and verdicts."""
         lines = [
             f"## {self.title}",
             "",
@@ -54,9 +54,9 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def csv(self) -> str:
-        """The columns and rows as CSV, numbers unrounded.
+        """Format the columns and rows as CSV, with unrounded numbers.
 
-        A column with intervals is followed by two more with their ends, `low` and `high`.
+        A column with intervals is followed by two columns with their ends, `low` and `high`.
         """
         wide = [
             any(isinstance(row[i], Interval) for row in self.rows) for i in range(len(self.columns))
@@ -78,7 +78,7 @@ class Table:
         return buffer.getvalue()
 
     def write(self, folder: Path, name: str) -> None:
-        """Write `name.md` and `name.csv` into a folder, which is made if need be."""
+        """Write `name.md` and `name.csv` into a folder, which is created if needed."""
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f"{name}.md").write_text(self.markdown(), encoding="utf-8")
         (folder / f"{name}.csv").write_text(self.csv(), encoding="utf-8")

@@ -22,7 +22,7 @@ VARIANTS = (
     Variant(NOTHING, changed(BS, trajectories={"enabled": False})),
     Variant(ALL, BS),
     Variant(NO_STATIC, BT),
-    Variant(NO_GAPS, BS),  # links join consecutive frames only: there are no gaps
+    Variant(NO_GAPS, BS),  # links join only consecutive frames, so there are no gaps
     Variant(NO_EXTENSION, changed(BS, trajectories={"extend": False})),
     Variant(
         NO_LOOKS,
@@ -36,7 +36,7 @@ VARIANTS = (
 
 
 def table(options: Options) -> Table:
-    """MODA without each rule."""
+    """Compute the MODA without each rule."""
     results = evaluate(VARIANTS, options)
     columns, rows = ablation_rows(results, PAPER)
     extension = results.gains(ALL, NO_EXTENSION)

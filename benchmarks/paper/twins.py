@@ -1,9 +1,9 @@
 """Compare the twins with the paper's data: `python -m benchmarks.paper.twins`.
 
-Residuals are those of true correspondences: the angle between the foot ray of a box, shot by the
-recovered rig, and the true position of its person. The paper's noise model (its Table "failure":
-one normal angle of standard deviation sigma_theta per ray) has a root mean square of sigma_theta =
-20.6 mrad and a median of 13.9 mrad.
+Residuals are those of true correspondences: the angle between the foot ray of a box with the
+recovered rig and the true position of its person. The paper's noise model (its Table "failure": one
+normal angle of standard deviation sigma_theta per ray) has a root mean square of sigma_theta = 20.6
+mrad and a median of 13.9 mrad.
 """
 
 import numpy as np
@@ -19,9 +19,9 @@ from catfree.synthetic._silhouettes import cast_silhouettes
 
 SIGMA_THETA = cf.Settings.paper().rays.sigma_theta
 CONFIDENCE = cf.Settings.paper().confidence
-# People in the annotated frames over the frames (Sec. Datasets), recall of the detector on visible
+# People in the annotated frames per frame (Sec. Datasets), recall of the detector on visible
 # annotated boxes (Sec. Missed GMVD detections), share of confirmed ankles (P3, configuration 2),
-# error of a withheld camera centre in metres (Table "gauge").
+# error of a withheld camera center in meters (Table "gauge").
 PAPER = {
     "WildTrack": {"people": 952 / 40, "held_out": 0.30},
     "MultiviewX": {"people": 1494 / 40, "held_out": 0.19},
@@ -48,7 +48,7 @@ ROWS = (
 
 
 def facts(sequence: Sequence) -> dict[str, float]:
-    """What a twin is like, measured on its boxes and its truth, by the keys of `ROWS`."""
+    """Measure the properties of a twin on its boxes and its truth, by the keys of `ROWS`."""
     world = sequence.world
     assert world is not None
     walkers, boxes = world.walkers, world.detections
@@ -88,9 +88,9 @@ def facts(sequence: Sequence) -> dict[str, float]:
 
 
 def recall(world: World) -> float:
-    """Share of the people in the area who are visible in a camera and have a confident box there.
+    """Compute the share of visible people in the area with a confident box, over cameras.
 
-    Visible means any part within the picture that nobody nearer hides.
+    A person is visible in a camera if any part in the picture is not hidden by someone nearer.
     """
     seen = cast_silhouettes(world.walkers, world.true_rig, world.columns)
     counted = world.walkers.inside[seen.frame, seen.person] & (seen.visible.max(axis=1) > 0)
@@ -104,7 +104,7 @@ def recall(world: World) -> float:
 
 
 def appearance_distances(world: World) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine distances of pairs of one frame in different cameras: same person, other person."""
+    """Compute cosine distances of pairs across cameras in a frame: same person, other person."""
     boxes, identity = world.detections, world.identities
     assert boxes.embedding is not None
     same, other = [], []
@@ -120,7 +120,7 @@ def appearance_distances(world: World) -> tuple[np.ndarray, np.ndarray]:
 
 
 def table(options: Options) -> Table:
-    """The measured properties of the twins, averaged over the seeds."""
+    """Tabulate the measured properties of the twins, averaged over the seeds."""
     measured = {
         made.paper: [facts(twin(made.paper, seed, options.frames)) for seed in options.seeds]
         for made in TWINS

@@ -1,11 +1,13 @@
-"""An unseen rig of eight cameras, beside "unseenrig": `python -m benchmarks.paper.unseen_rig`.
+"""An unseen rig of eight cameras (Table "unseenrig"): `python -m benchmarks.paper.unseen_rig`.
 
-One courtyard with eight cameras, as in GMVD; each seed is another sequence of the same
-installation. As in the paper the rig is estimated once, on the first sequence, and used for all:
+The rig surrounds a courtyard with eight cameras, as in GMVD; each seed is another sequence of the
+same installation. As in the paper, the rig is estimated once, on the first sequence, and used for
+all:
 
 - "disturbed": with the errors of a reconstruction, by the default `RigError`;
-- "refined": the same after 25 rounds of `cf.refine` with confirmed ankles (the paper's procedure);
-- "people alone": `cf.calibrate` of the first sequence's boxes, without the disturbed rig.
+- "refined": the disturbed rig after 25 rounds of `cf.refine` with confirmed ankles (the paper's
+procedure); - "people alone": `cf.calibrate` of the first sequence's boxes, without the disturbed
+rig.
 """
 
 import dataclasses
@@ -23,7 +25,7 @@ from catfree.errors import CalibrationError
 from catfree.evaluation import crop, detection_metrics
 from catfree.synthetic import make_layout, make_world
 
-# MODA, MODP, precision, recall, MOTA, MOTP, IDF1, HOTA, outside, MODA with those outside false.
+# MODA, MODP, precision, recall, MOTA, MOTP, IDF1, HOTA, outside, MODA with those outside as false.
 PAPER = {
     0: (70.31, 69.70, 95.16, 74.08, 69.43, 0.172, 65.61, 56.74, 191, 65.64),
     1: (73.55, 65.03, 96.40, 76.41, 73.09, 0.194, 72.71, 61.03, 487, 56.17),
@@ -38,7 +40,7 @@ ROUNDS = 25
 
 @cache
 def sequence(seed: int, frames: int | None = None) -> Sequence:
-    """One sequence of the installation; the disturbed rig is that of the first one."""
+    """Make one sequence of the installation, with the disturbed rig of the first one."""
     made = next(twin for twin in TWINS if twin.paper == UNSEEN)
     layout = make_layout(made.layout, INSTALLATION)
     count = made.frames if frames is None else frames
@@ -48,7 +50,7 @@ def sequence(seed: int, frames: int | None = None) -> Sequence:
 
 
 def rigs(first: Sequence, rounds: int = ROUNDS) -> dict[str, cf.Scene | None]:
-    """The scene by each procedure, from the first sequence alone; None where it failed."""
+    """Estimate the scene by each procedure, from the first sequence alone; None if it failed."""
     boxes = first.detections
     assert boxes.score is not None
     assert boxes.ankles_confirmed is not None
@@ -56,7 +58,7 @@ def rigs(first: Sequence, rounds: int = ROUNDS) -> dict[str, cf.Scene | None]:
     refined = cf.refine(confident, first.scene, cf.Settings.paper(), rounds=rounds).scene
     try:
         alone = cf.calibrate(boxes, first.scene.rig.image_size).scene
-        alone = dataclasses.replace(alone, metric=False)  # aligned like the others
+        alone = dataclasses.replace(alone, metric=False)  # align it like the others
         if alone.rig.registered.sum() < 3:
             alone = None
     except CalibrationError:
@@ -65,7 +67,7 @@ def rigs(first: Sequence, rounds: int = ROUNDS) -> dict[str, cf.Scene | None]:
 
 
 def centre_error(scene: cf.Scene, first: Sequence) -> float:
-    """Mean distance in metres of the aligned camera centres from the true ones."""
+    """Compute the mean distance in meters of the aligned camera centers from the true ones."""
     registered = np.asarray(scene.rig.registered)
     centres = np.asarray(scene.rig.centers)
     align = cf.evaluation.align_centres(centres, first.true_centres, registered=registered)
@@ -75,7 +77,7 @@ def centre_error(scene: cf.Scene, first: Sequence) -> float:
 
 
 def table(options: Options) -> Table:
-    """Every sequence with every rig and method."""
+    """Tabulate every sequence with every rig and method."""
     rows: list[list[Cell]] = []
     moda: dict[tuple[str, str], list[float]] = {}
     notes: list[str] = []
@@ -115,7 +117,7 @@ def table(options: Options) -> Table:
 
 
 def judge(rig: str, method: str, values: list[float]) -> str:
-    """Whether the installation is localized as well as the paper's."""
+    """Judge whether the installation is localized as well as in the paper."""
     mean = float(np.mean(values))
     spread = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
     outcome = "reproduced" if mean >= PAPER_MEAN - PAPER_SD else "not reproduced"

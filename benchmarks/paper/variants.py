@@ -1,7 +1,7 @@
 """The paper's named variants as settings, from the baseline I to the final method BT.
 
-The base of each table follows from the paper's numbers: Table "gates" ends in BK's numbers, Table
-"traj" in BS's, Tables "quantile", "baselines" and "gatesunseen" in BT's.
+The base of each table follows from the paper's numbers: Table "gates" ends with BK's numbers, Table
+"traj" with BS's, and Tables "quantile", "baselines" and "gatesunseen" with BT's.
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ import catfree as cf
 
 
 def changed(base: cf.Settings, **stages: dict[str, Any]) -> cf.Settings:
-    """Settings with some fields replaced: `changed(BT, selection={"gates": "none"})`."""
+    """Replace some fields of settings: `changed(BT, selection={"gates": "none"})`."""
     return dataclasses.replace(
         base,
         **{

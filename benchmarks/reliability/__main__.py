@@ -15,12 +15,12 @@ from benchmarks.reliability.names import odd_names
 from benchmarks.reliability.shard_kills import kill_shards
 from benchmarks.reliability.tally import Tally
 
-MEMORY = 24 * 2**30  # bytes of address space: an allocation without bounds is an error, not a crash
-STUCK = 600  # seconds without an end, in code that no signal interrupts
+MEMORY = 24 * 2**30  # bytes of address space: an unbounded allocation is an error, not a crash
+STUCK = 600  # seconds, for code that no signal interrupts
 
 
 def main() -> int:
-    """The command line; 1 if there is a traceback, a silent NaN, a hang or a loss."""
+    """Run the command line; return 1 after a traceback, a silent NaN, a hang or a loss."""
     parser = argparse.ArgumentParser(prog="benchmarks.reliability", description=__doc__)
     parser.add_argument("--short", action="store_true", help="a small part, in a minute or two")
     parser.add_argument("--seed", type=int, default=0)

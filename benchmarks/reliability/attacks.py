@@ -26,7 +26,7 @@ from catfree.types._writing import ABANDONED_AFTER
 
 DEEP = 20_000
 DIGITS = b"9" * 5000
-PLACES = 60  # numbers of a file that are replaced, one at a time
+PLACES = 60  # numbers per file to replace, one at a time
 ROW = "attacks"
 ARCHIVES = (
     *("Detections.load", "Rig.load", "Scene.load", "Tracks.load", "TrackerState.load"),
@@ -36,7 +36,7 @@ _XML = b"<opencv_storage><camera_matrix><data>&a;</data></camera_matrix></opencv
 
 
 class Bad:
-    """What a pickle would run."""
+    """Payload that a pickle would run."""
 
     def __reduce__(self) -> Any:
         return os.mkdir, ("/tmp/catfree_reliability_pickle_ran",)
@@ -46,7 +46,7 @@ def attack(tally: Tally, folder: Path) -> None:
     """Try every attack.
 
     Args:
-        tally: where the outcomes go.
+        tally: counts the outcomes.
         folder: an empty folder to work in.
     """
     known = {reader.name: reader for reader in readers(0)}
@@ -113,7 +113,7 @@ def attack(tally: Tally, folder: Path) -> None:
 
 
 def _long_numbers(tally: Tally, reader: Reader, place: Path) -> None:
-    """Put a number of 5000 digits in place of numbers of a reader's text files, then of all."""
+    """Replace numbers in a reader's text files by one of 5000 digits: one by one, then all."""
     reader.write(place)
     for path in sorted(path for path in place.rglob("*") if path.is_file()):
         content = path.read_bytes()
@@ -134,7 +134,7 @@ def _long_numbers(tally: Tally, reader: Reader, place: Path) -> None:
 def _replace(
     tally: Tally, reader: Reader, place: Path, path: Path, content: bytes, what: str
 ) -> None:
-    """Let a reader read its folder with other content in one file, which then is as before."""
+    """Read a reader's folder with other content in one file, then restore the file."""
     before = path.read_bytes()
     path.write_bytes(content)
     tally.attempt(
@@ -154,7 +154,7 @@ def _victim(reader: Reader, place: Path, file: str | None) -> Path:
 
 @functools.cache
 def _archives() -> list[bytes]:
-    """Archives that ask for more memory than there is, and other things than arrays."""
+    """Make archives that need more memory than there is, or contain other things than arrays."""
     contents = [b"PK\x05\x06" + bytes(18), pickle.dumps(Bad()), b"\x93NUMPY\x01\x00"]
     shapes = ("(1000000000000,)", "(4611686018427387904, 4)", "(-1,)", "(0, 10**99)", "(2.5,)")
     types = ("'|O'", "'<U2000000000'", "'|V0'", "[" * 900, "'(9,9,9,9,9)f8'", "'<f99'")
@@ -277,7 +277,7 @@ def _localize_at(frame: np.ndarray, m: Material) -> Localization:
 
 
 def _around_files(tally: Tally, folder: Path) -> None:
-    """What does not come from the content of a file."""
+    """Try attacks that do not depend on the content of a file."""
     m = Material(0)
 
     def quietly(action: Callable[[], Any], detail: str) -> None:

@@ -24,7 +24,7 @@ def full_disks(tally: Tally, folder: Path, sizes: int) -> None:
     """Write to disks of several sizes.
 
     Args:
-        tally: where the outcomes go.
+        tally: counts the outcomes.
         folder: an empty folder to work in.
         sizes: number of sizes to try.
     """
@@ -60,7 +60,7 @@ def full_disks(tally: Tally, folder: Path, sizes: int) -> None:
 
 
 def _disk_maker(folder: Path) -> tuple[str, Callable[[int], Any]]:
-    """A small tmpfs where mounting is permitted, else a limit on the size of files."""
+    """Return a maker of a small tmpfs if mounting is permitted, else of a limit on file sizes."""
     place = folder / "disk"
     place.mkdir()
     probe = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(place)]
@@ -73,7 +73,7 @@ def _disk_maker(folder: Path) -> tuple[str, Callable[[int], Any]]:
 
     @contextlib.contextmanager
     def tmpfs(limit: int) -> Iterator[Path]:
-        # A tmpfs counts in pages.
+        # The size of a tmpfs is a number of pages.
         size = max(limit // 4096, 1) * 4096
         options = ["-o", f"size={size}", "tmpfs", str(place)]
         subprocess.run(["mount", "-t", "tmpfs", *options], check=True)

@@ -1,4 +1,4 @@
-"""Valid files for the readers that find the format out, and for tables of boxes."""
+"""Valid files for readers that detect the format, and for tables of boxes."""
 
 import csv
 import dataclasses
@@ -42,7 +42,7 @@ from catfree.errors import FileFormatError
 from catfree.settings import Settings
 from catfree.types import Clock, Detections, Tracks
 
-# What `read_scene` is given of the folders that other readers read.
+# Paths that `read_scene` is given in the folders of other readers.
 _SCENES = {
     "Scene.load": "a.npz",
     "read_scene_json": "a.json",
@@ -58,7 +58,7 @@ _SCENES = {
     "read_multiviewx": "",
 }
 
-# Where a scene is not in all files of the folder.
+# Readers for which only some files of the folder describe a scene.
 _DAMAGED = {
     "read_uniform_json": (".json",),
     "read_wildtrack": (".xml", ".json"),
@@ -67,10 +67,10 @@ _DAMAGED = {
 
 
 def dispatching_readers(m: Material, known: list[Reader]) -> list[Reader]:
-    """The readers of boxes, tracks, scenes and shards in any format.
+    """Make the readers of boxes, tracks, scenes and shards in any format.
 
     Args:
-        m: what the files hold.
+        m: content of the files.
         known: readers of one format each, whose files `read_scene` and `read_detections` take.
     """
     by_name = {reader.name: reader for reader in known}
@@ -178,7 +178,7 @@ def dispatching_readers(m: Material, known: list[Reader]) -> list[Reader]:
 
 
 def write_boxes_csv(path: Path, boxes: Detections, names: tuple[str, ...]) -> None:
-    """A table of corners and scores with the names of the cameras."""
+    """Write a table of corners and scores with camera names."""
     rows = zip(boxes.frame.tolist(), boxes.camera.tolist(), boxes.box.tolist(), strict=True)
     with path.open("w", newline="") as stream:
         writer = csv.writer(stream)
@@ -187,7 +187,7 @@ def write_boxes_csv(path: Path, boxes: Detections, names: tuple[str, ...]) -> No
 
 
 def write_widths_csv(path: Path, boxes: Detections) -> None:
-    """A table of widths and heights with the numbers of the cameras."""
+    """Write a table of widths and heights with camera numbers."""
     rows = zip(boxes.frame.tolist(), boxes.camera.tolist(), boxes.box.tolist(), strict=True)
     with path.open("w", newline="") as stream:
         writer = csv.writer(stream)
@@ -196,7 +196,7 @@ def write_widths_csv(path: Path, boxes: Detections) -> None:
 
 
 def _with_everything(m: Material) -> Detections:
-    """The boxes with every column that boxes may have."""
+    """Add every optional column to the boxes."""
     count = len(m.detections)
     return replace(
         m.detections,
@@ -209,7 +209,7 @@ def _with_everything(m: Material) -> Detections:
 
 
 def _timed(m: Material) -> Tracks:
-    """The tracks on a clock."""
+    """Put the tracks on a clock."""
     return replace(m.tracks, clock=Clock(5.0, 1.7e9, utc=True))
 
 
@@ -218,7 +218,7 @@ def _write_table(path: Path, **columns: Any) -> None:
 
 
 def _write_named_parquet(path: Path, boxes: Detections, names: tuple[str, ...]) -> None:
-    """A table of another program: the cameras' names, and lists of numbers of any length."""
+    """Write a table as other programs do: with camera names, and lists of varying length."""
     columns: dict[str, Any] = {
         "frame": boxes.frame,
         "camera": [names[c] for c in boxes.camera],
@@ -245,7 +245,7 @@ def _write_mot_folder(folder: Path, m: Material) -> None:
 
 
 def _from_pandas(path: Path, names: tuple[str, ...]) -> Detections:
-    """The boxes of a table that pandas read; what pandas does not read says nothing of catfree."""
+    """Read boxes with pandas; what pandas cannot read says nothing about catfree."""
     import pandas
 
     try:
@@ -256,7 +256,7 @@ def _from_pandas(path: Path, names: tuple[str, ...]) -> Detections:
 
 
 def _without_position(tracks: Tracks) -> Tracks:
-    """The tracks without the positions, which a table does not hold: they must be NaN."""
+    """Return the tracks without positions that a table does not store, which must be NaN."""
     assert np.isnan(tracks.position).all()
     return replace(tracks, position=np.zeros_like(tracks.position))
 
@@ -311,7 +311,7 @@ def _receipt(scene_file: str) -> Receipt:
 
 
 def _with_finite_settings(receipt: Receipt) -> Receipt:
-    """The receipt with zeros for settings that are infinite, as some may be."""
+    """Replace infinite settings of the receipt by zeros, as some settings may be infinite."""
 
     def finite(value: Any) -> Any:
         if isinstance(value, dict):
@@ -324,7 +324,7 @@ def _with_finite_settings(receipt: Receipt) -> Receipt:
 
 
 def _write_joined(folder: Path, m: Material) -> None:
-    """The folder that `join` leaves, without its shards."""
+    """Write the folder that `join` leaves, without its shards."""
     (folder / WORK_FOLDER).mkdir()
     write_scene_json(folder / SCENE_FILE, m.scene, m.names)
     tracks, parts = _timed(m), []

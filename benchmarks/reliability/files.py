@@ -63,7 +63,7 @@ WILDTRACK_LABELS = ("CVLab1", "CVLab2", "CVLab3", "CVLab4", "IDIAP1", "IDIAP2", 
 
 
 def readers(seed: int) -> list[Reader]:
-    """Every reader of the library."""
+    """Make every reader of the library."""
     m = Material(seed)
     known = _of_one_format(m)
     return known + dispatching_readers(m, known)
@@ -247,7 +247,7 @@ def _write_storage(path: Path, rig: Rig) -> None:
 
 
 def _write_colmap_binary(folder: Path, rig: Rig, names: tuple[str, ...]) -> None:
-    """By way of the text files, whose numbers are put into COLMAP's layout."""
+    """Convert the text files, whose numbers are written in COLMAP's binary layout."""
     import struct
 
     write_colmap_text(folder, rig, names)
@@ -304,7 +304,7 @@ def _write_truth(folder: Path, m: Material) -> None:
 
 
 def rig_around(x: float, y: float, count: int) -> Rig:
-    """Cameras 3 m high on a circle of 15 m radius that look at (x, y)."""
+    """Place cameras 3 m high on a circle of 15 m radius, looking at (x, y)."""
     angle = 2 * np.pi * np.arange(count) / count + 0.2
     place = np.stack([15 * np.cos(angle), 15 * np.sin(angle), np.full(count, 3.0)], -1)
     center = np.array([x, y, 0]) + place

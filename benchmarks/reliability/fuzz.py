@@ -21,7 +21,7 @@ from benchmarks.reliability.mutations import (
 from benchmarks.reliability.tally import Tally
 from catfree._run._cache import content_hash
 
-# What happens to a disk, not to the one who writes a file: a cache must see through all of it.
+# Damage by disks, not by writers: a cache must detect all of it.
 DECAY = (flipped, truncated, appended, zeroed, cut, doubled, swapped)
 
 
@@ -29,9 +29,9 @@ def fuzz(tally: Tally, folder: Path, seed: int, each: int) -> None:
     """Damage the input of every reader `each` times and read it.
 
     Args:
-        tally: where the outcomes go.
+        tally: counts the outcomes.
         folder: an empty folder to work in.
-        seed: everything random follows from it.
+        seed: seed of all random choices.
         each: number of damaged inputs per reader.
     """
     for at, reader in enumerate(readers(seed)):
@@ -54,7 +54,7 @@ def fuzz(tally: Tally, folder: Path, seed: int, each: int) -> None:
 
 
 def decay(tally: Tally, folder: Path, seed: int, each: int) -> None:
-    """Damage cache files as disks do: what is read must be what was written, or be absent."""
+    """Damage cache files as disks do: a read must return the written value, or None."""
     for at, reader in enumerate(r for r in readers(seed) if r.cached):
         place = folder / f"cache_{at}"
         place.mkdir()

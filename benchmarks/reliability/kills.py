@@ -24,7 +24,7 @@ ROW = "kills"
 
 
 class FromPicture:
-    """Looks its boxes up by the camera and frame that the picture's first pixel holds."""
+    """Look up boxes by the camera and frame stored in the picture's first pixel."""
 
     fingerprint = "reliability"
 
@@ -32,21 +32,21 @@ class FromPicture:
         self._boxes = world.detections
 
     def __call__(self, image: Any) -> FrameDetections:
-        """The boxes of one picture."""
-        time.sleep(0.005)  # so that kills hit the detection, too
+        """Return the boxes of one picture."""
+        time.sleep(0.005)  # so that kills also hit the detection
         frame, camera = int(image[0, 0, 0]), int(image[0, 0, 1])
         boxes = self._boxes[(self._boxes.frame == frame) & (self._boxes.camera == camera)]
         return FrameDetections(boxes.box, np.ones(len(boxes)))
 
 
 def kill(tally: Tally, folder: Path, seed: int, kills: int) -> None:
-    """Kill a small run again and again, then let it finish, and compare every byte.
+    """Kill a small run repeatedly, then let it finish, and compare every byte.
 
     Args:
-        tally: where the outcomes go.
+        tally: counts the outcomes.
         folder: an empty folder to work in.
-        seed: everything random follows from it.
-        kills: how often.
+        seed: seed of all random choices.
+        kills: number of kills.
     """
     rng = np.random.default_rng([seed, 7])
     pictures = folder / "pictures"
@@ -57,7 +57,7 @@ def kill(tally: Tally, folder: Path, seed: int, kills: int) -> None:
             image[0, 0] = (0, camera, frame)  # blue, green, red
             cv2.imwrite(str(pictures / str(camera) / f"{frame:03d}.png"), image)
     first = folder / "whole"
-    if kills > KILLS_PER_RUN:  # otherwise it would take longer than it saves
+    if kills > KILLS_PER_RUN:  # otherwise it takes longer than it saves
         _start(pictures, folder / "compiling").wait()
     started = _start(pictures, first)
     begin = time.perf_counter()
@@ -89,7 +89,7 @@ def kill(tally: Tally, folder: Path, seed: int, kills: int) -> None:
 
 
 def _start(pictures: Path, out: Path) -> subprocess.Popen[str]:
-    """A run in a process of its own, once it has imported what it needs."""
+    """Start a run in its own process; return once it has imported everything."""
     process = subprocess.Popen(
         [sys.executable, "-m", "benchmarks.reliability.kills", str(pictures), str(out)],
         stdout=subprocess.PIPE,
@@ -104,10 +104,10 @@ def _start(pictures: Path, out: Path) -> subprocess.Popen[str]:
 
 
 def compiled_in(folder: Path) -> dict[str, str]:
-    """Environment of a process that keeps what it compiles in a folder of its own.
+    """Return the environment of a process that caches compiled code in its own folder.
 
-    Compiling again would take most of the time, and kills would seldom hit anything else. Nobody
-    else reads the folder, because a killed process may leave half of a file.
+    Recompiling would take most of the time, so kills would seldom hit anything else. The folder
+    must not be shared, because a killed process may leave half of a file.
     """
     return {
         "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled"),
@@ -117,13 +117,13 @@ def compiled_in(folder: Path) -> dict[str, str]:
 
 
 def _contents(folder: Path) -> dict[str, bytes]:
-    """The finished files; those with a temporary name are hidden."""
+    """Read the finished files, whose names are not temporary."""
     files = (path for path in folder.rglob("[!.]*") if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def main(pictures: Path, out: Path) -> None:
-    """The run that is killed."""
+    """Run the stages that are killed."""
     world = make_world(ring(CAMERAS, image_size=SIZE, people=4), frames=FRAMES, people=4)
     print("ready", flush=True)
     settings = Settings.paper()

@@ -1,4 +1,4 @@
-"""What a reader is to the checks, and the small world that valid files hold."""
+"""The checks' view of a reader, and the small world in valid files."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,15 +21,15 @@ from catfree.types import (
 
 @dataclass(frozen=True)
 class Reader:
-    """One reader with valid input.
+    """A reader with valid input.
 
     Attributes:
-        name: what it reads.
+        name: name of the content.
         write: puts valid input into an empty folder.
-        read: reads that folder; None stands for "absent", which only the cache may say.
-        kind: what the content is, which decides how it may be damaged: text, archive or binary.
-        only: suffixes of the files that are damaged; all if empty.
-        cached: whether what is read must equal what was written, or be absent.
+        read: reads that folder; None means "absent", which only the cache may return.
+        kind: kind of content, which decides how to damage it: text, archive or binary.
+        only: suffixes of the files to damage; all if empty.
+        cached: whether a read must return the written value or None.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Reader:
 
 
 class Material:
-    """What the files hold: a small world and a result such as localization gives."""
+    """Content of the files: a small world and a possible result of localization."""
 
     def __init__(self, seed: int, cameras: int = 3) -> None:
         layout = ring(cameras, seed=seed, image_size=(320, 240), people=3)
@@ -52,13 +52,13 @@ class Material:
         self.tracks = self.localization.tracks
 
     def lens_rig(self) -> Rig:
-        """The rig with a little distortion, so that files hold coefficients."""
+        """Add a little distortion to the rig, so that files contain coefficients."""
         lens = np.tile([-0.1, 0.01, 0.001, 0.002, 0.0], (self.rig.camera_count, 1))
         rig = self.rig
         return Rig(rig.K, rig.R, rig.t, rig.image_size, distortion=lens)
 
     def tracker_state(self) -> TrackerState:
-        """What a tracker remembers after all instants but the last."""
+        """Return a tracker's state after all instants but the last."""
         tracker = Tracker(self.scene, lag=1.0)
         for frame in range(7):
             tracker.update(self.detections[self.detections.frame == frame], frame / 2)
@@ -66,7 +66,7 @@ class Material:
 
 
 def _result(cameras: int, detection_count: int) -> Localization:
-    """Two people who walk through eight frames, without running anything."""
+    """Make the result for two people who walk through eight frames, without running a method."""
     count = 16
     frame, person = np.divmod(np.arange(count), 2)
     xy = np.stack([0.3 * frame, 2.0 * person - 1], axis=-1)
@@ -84,7 +84,7 @@ def _result(cameras: int, detection_count: int) -> Localization:
         velocity=np.zeros((count, 2)),
         velocity_covariance=np.tile(0.01 * np.eye(2), (count, 1, 1)),
     )
-    known = frame % 2 == 0  # the others rest on one ray each
+    known = frame % 2 == 0  # the other positions rest on one ray each
     candidates = Candidates(
         frame=frame,
         position=position,

@@ -1,4 +1,4 @@
-"""Seeded damage to the bytes, the words and the arrays of a file."""
+"""Seeded damage to the bytes, words and arrays of a file."""
 
 import datetime
 import decimal
@@ -16,8 +16,8 @@ import pyarrow.parquet
 Generator = np.random.Generator
 NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][\w-]*")
-# No field of any format holds these: more digits than Python converts, beyond float64, no number,
-# beyond 63 bits, and nothing at all.
+# Values that no field of any format can have: more digits than Python converts, beyond float64, not
+# a number, beyond 63 bits, and empty.
 _IMPOSSIBLE = (
     *(b"9" * 5000, b"-" + b"9" * 5000, b"0." + b"9" * 5000, b"1" + b"0" * 5000 + b".5"),
     *(b"1e999", b"-1e999", b"nan", b"NaN", b"", b'""'),
@@ -35,7 +35,7 @@ _TOKENS = (
     *(b"0", b"-1", b"-0", b"0.5", b"9" * 5000, b"", b"null", b"true", b'"x"', b"[]", b"{}", b"1 2"),
     *(b"0x10", b"1_000", b"\xff\xfe", b"1970-01-01", b"[" * 3000, b'{"a":' * 3000, b"a." * 3000),
 )
-# What a column of a table may hold in place of a number or a text.
+# Values of a table's column in place of a number or a text.
 _VALUES: tuple[Any, ...] = (
     *(None, np.nan, np.inf, -np.inf, -1, 0, 2**40, 2**62, -(2**63), 2**64 - 1, 1e308, -1e308, 0.5),
     *("", "x" * 5000, "9" * 5000, "nan", "\0", "north ", b"\xff", True, {}, {"a": 1}, {"a": None}),
@@ -54,7 +54,7 @@ _STRINGS = (b"", b"x" * 5000, b"\\ud800", b"../../x", b"$a_b_c$", b"\x00", b"<b>
 
 
 def damaged(content: bytes, rng: Generator) -> bytes:
-    """Another content, nearly always different from the one given."""
+    """Damage the content; the result nearly always differs."""
     is_archive = content[:2] == b"PK"
     ways: list[Callable[[bytes, Generator], bytes]] = list(_BYTES)
     if content[:4] == b"PAR1":
@@ -72,7 +72,7 @@ def is_text(content: bytes) -> bool:
 
 
 def flipped(content: bytes, rng: Generator) -> bytes:
-    """Some bits turned over."""
+    """Flip some bits."""
     data = bytearray(content)
     for _ in range(int(rng.integers(1, 9)) if data else 0):
         data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
@@ -80,57 +80,57 @@ def flipped(content: bytes, rng: Generator) -> bytes:
 
 
 def truncated(content: bytes, rng: Generator) -> bytes:
-    """The beginning only."""
+    """Keep only the beginning."""
     return content[: rng.integers(len(content) + 1)]
 
 
 def appended(content: bytes, rng: Generator) -> bytes:
-    """More than belongs there."""
+    """Append bytes."""
     return content + rng.bytes(int(rng.integers(1, 200)))
 
 
 def zeroed(content: bytes, rng: Generator) -> bytes:
-    """A block of zeros, as a disk leaves it after a power failure."""
+    """Zero a block, as a disk does after a power failure."""
     a, b = _span(content, rng)
     return content[:a] + bytes(b - a) + content[b:]
 
 
 def cut(content: bytes, rng: Generator) -> bytes:
-    """A block left out."""
+    """Remove a block."""
     a, b = _span(content, rng)
     return content[:a] + content[b:]
 
 
 def doubled(content: bytes, rng: Generator) -> bytes:
-    """A block twice."""
+    """Duplicate a block."""
     a, b = _span(content, rng)
     return content[:b] + content[a:]
 
 
 def swapped(content: bytes, rng: Generator) -> bytes:
-    """Two neighbouring blocks in the wrong order."""
+    """Swap two neighboring blocks."""
     a, b = _span(content, rng)
     c = min(2 * b - a, len(content))
     return content[:a] + content[b:c] + content[a:b] + content[c:]
 
 
 def other_number(content: bytes, rng: Generator) -> bytes:
-    """Some number replaced by an odd one."""
+    """Replace a number by an odd one."""
     return _replace(NUMBER, content, rng, _TOKENS)
 
 
 def impossible_number(content: bytes, rng: Generator) -> bytes:
-    """Some number replaced by one of 5000 digits, beyond 63 bits or float64, or by none."""
+    """Replace a number by one of 5000 digits, one beyond 63 bits or float64, or by none."""
     return _replace(NUMBER, content, rng, _IMPOSSIBLE)
 
 
 def other_word(content: bytes, rng: Generator) -> bytes:
-    """Some word replaced by an odd one, or by another word of the file."""
+    """Replace a word by an odd one, or by another word of the file."""
     return _replace(_WORD, content, rng, _STRINGS + tuple(_WORD.findall(content)[:50]))
 
 
 def other_line(content: bytes, rng: Generator) -> bytes:
-    """A line left out, doubled, or moved."""
+    """Remove, duplicate or move a line."""
     lines = content.splitlines(keepends=True)
     if len(lines) < 2:
         return cut(content, rng)
@@ -146,7 +146,7 @@ def other_line(content: bytes, rng: Generator) -> bytes:
 
 
 def other_field(content: bytes, rng: Generator) -> bytes:
-    """Eight bytes replaced by a huge count, NaN or infinity."""
+    """Replace eight bytes by a huge count, NaN or infinity."""
     if len(content) < 8:
         return content
     at = int(rng.integers(len(content) - 7))
@@ -157,7 +157,7 @@ def other_field(content: bytes, rng: Generator) -> bytes:
 
 
 def other_array(content: bytes, rng: Generator) -> bytes:
-    """An archive whose checksums are right and one of whose arrays is not."""
+    """Damage one array of an archive, with correct checksums."""
     members = _members(content)
     if not members:
         return content
@@ -197,7 +197,7 @@ def other_array(content: bytes, rng: Generator) -> bytes:
 
 
 def other_header(content: bytes, rng: Generator) -> bytes:
-    """An archive whose checksums are right and one of whose array headers is not."""
+    """Damage one array header of an archive, with correct checksums."""
     members = _members(content)
     if not members:
         return content
@@ -216,7 +216,7 @@ def other_header(content: bytes, rng: Generator) -> bytes:
 
 
 def other_members(content: bytes, rng: Generator) -> bytes:
-    """An archive with one member left out, renamed or twice."""
+    """Remove, rename or duplicate one member of an archive."""
     members = _members(content)
     if not members:
         return content
@@ -231,7 +231,7 @@ def other_members(content: bytes, rng: Generator) -> bytes:
 
 
 def other_column(content: bytes, rng: Generator) -> bytes:
-    """A Parquet file whose checksums are right and one of whose columns is not."""
+    """Damage one column of a Parquet file, with correct checksums."""
     try:
         table = pyarrow.parquet.read_table(io.BytesIO(content))
     except Exception:  # it was damaged before
@@ -267,13 +267,13 @@ def other_column(content: bytes, rng: Generator) -> bytes:
     stream = io.BytesIO()
     try:
         pyarrow.parquet.write_table(table, stream, write_page_checksum=True)
-    except Exception:  # a type that the format does not have
+    except Exception:  # a type that the format lacks
         return content
     return stream.getvalue()
 
 
 def _array(values: list[Any], kind: Any) -> Any:
-    """A column of values, or None if they are not of one type."""
+    """Make a column of values; return None if they have different types."""
     try:
         return pyarrow.array(values, kind)
     except (pyarrow.ArrowException, OverflowError, TypeError, ValueError):
@@ -281,7 +281,7 @@ def _array(values: list[Any], kind: Any) -> Any:
 
 
 def _other_metadata(metadata: dict[bytes, bytes] | None, rng: Generator) -> dict[bytes, bytes]:
-    """What a table says of itself, with one entry damaged."""
+    """Damage one entry of a table's metadata."""
     changed = dict(metadata or {b"clock": b"null"})
     key = list(changed)[rng.integers(len(changed))]
     ways = (other_number, other_word, impossible_number, cut, truncated)

@@ -33,9 +33,9 @@ def odd_names(tally: Tally, folder: Path, *, pictures: bool) -> None:
     """Write and read a result with each set of names.
 
     Args:
-        tally: where the outcomes go.
+        tally: counts the outcomes.
         folder: an empty folder to work in.
-        pictures: draw them, too.
+        pictures: whether to draw pictures, too.
     """
     m = Material(0, cameras=4)
     scene, boxes, found = m.scene, m.detections, m.localization

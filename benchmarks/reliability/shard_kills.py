@@ -1,4 +1,4 @@
-"""SIGKILL of shard workers and of their parent: the resumed table is that of an undisturbed run."""
+"""SIGKILL of shard workers and their parent: a resumed run gives the table of an undisturbed one."""
 
 import contextlib
 import os
@@ -25,10 +25,10 @@ def kill_shards(tally: Tally, folder: Path, seed: int, kills: int) -> None:
     """Kill the parent or a worker of sharded runs, let them finish, and compare every byte.
 
     Args:
-        tally: where the outcomes go.
+        tally: counts the outcomes.
         folder: an empty folder to work in.
-        seed: everything random follows from it.
-        kills: how often.
+        seed: seed of all random choices.
+        kills: number of kills.
     """
     rng = np.random.default_rng([seed, 8])
     _start(folder, folder / "whole").wait()  # compiles
@@ -68,7 +68,7 @@ def _start(folder: Path, out: Path) -> subprocess.Popen[str]:
 
 
 def _children(process: int) -> list[int]:
-    """The processes that a process started, on Linux; the last one is the youngest."""
+    """List the child processes of a process, on Linux; the last is the youngest."""
     found = Path(f"/proc/{process}/task/{process}/children")
     try:
         return [int(child) for child in found.read_text().split()][::-1]
@@ -82,7 +82,7 @@ def _table(out: Path) -> dict[str, bytes]:
 
 
 def main(out: Path) -> int:
-    """The run that is killed; 1 if a worker was."""
+    """Run the shards that are killed; return 1 if a worker was killed."""
     import catfree as cf
 
     world = make_world("ring4", frames=120, people=3)

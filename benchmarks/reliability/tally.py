@@ -19,8 +19,8 @@ from catfree.methods.online import TrackerState
 from catfree.methods.online._tracker_state import Learned
 from catfree.types import Candidates, Reliability, Rig, Thresholds, Tracks
 
-LONGEST = 5.0  # seconds of this process, whatever else the machine does
-LONGEST_MESSAGE = 1000  # characters without the path
+LONGEST = 5.0  # seconds of this process, independent of other load
+LONGEST_MESSAGE = 1000  # characters, without the path
 COLUMNS = ("clean error", "valid", "absent", "traceback", "silent NaN", "hang", "loss")
 FAILURES = ("traceback", "silent NaN", "hang", "loss")
 _Excuse = Callable[[Any, np.ndarray], Any]
@@ -28,13 +28,13 @@ _Excuse = Callable[[Any, np.ndarray], Any]
 
 @dataclasses.dataclass
 class Tally:
-    """Outcomes by row of the table, and a few failures in words."""
+    """Outcomes by row of the table, with descriptions of a few failures."""
 
     rows: dict[str, collections.Counter[str]] = dataclasses.field(default_factory=dict)
     examples: list[str] = dataclasses.field(default_factory=list)
 
     def count(self, row: str, outcome: str, detail: str = "") -> None:
-        """Enter one outcome."""
+        """Count one outcome."""
         self.rows.setdefault(row, collections.Counter())[outcome] += 1
         if outcome in FAILURES and self.rows[row][outcome] <= 3:
             self.examples.append(f"{row}: {outcome}: {detail}")
@@ -49,15 +49,15 @@ class Tally:
         same: Callable[[Any], bool] | None = None,
         absent: bool = False,
     ) -> None:
-        """Call something that must return sound values or raise one `CatFreeError`.
+        """Call an action that must return sound values or raise one `CatFreeError`.
 
         Args:
-            row: of the table.
-            action: what to call.
-            detail: how to do it again.
-            folder: whose name does not count in the length of messages.
-            same: whether the returned value is right, where that can be told.
-            absent: whether None is an answer.
+            row: row of the table.
+            action: called without arguments.
+            detail: how to repeat the call.
+            folder: folder whose name does not count in the length of messages.
+            same: whether a returned value is right, if that can be decided.
+            absent: whether None is a valid answer.
         """
         start = time.process_time()
         try:
@@ -91,7 +91,7 @@ class Tally:
 
     @property
     def failures(self) -> int:
-        """How much was not as it must be."""
+        """Number of outcomes that must not occur."""
         return sum(row[outcome] for row in self.rows.values() for outcome in FAILURES)
 
     def __str__(self) -> str:
@@ -106,7 +106,7 @@ class Tally:
 
 
 def unsound(value: Any, name: str = "value") -> str | None:
-    """The first place with NaN, infinity or no real numbers; None if all is well."""
+    """Find the first place with NaN, infinity or no real numbers; None if all are sound."""
     if isinstance(value, Rig):
         value = dict(vars(value.select(value.registered)))
     if isinstance(value, np.ndarray | jax.Array | float | complex):
@@ -126,7 +126,7 @@ def unsound(value: Any, name: str = "value") -> str | None:
 
 
 def _known(owner: Any, name: str) -> Any:
-    """A field of a dataclass with zeros where its docstring says that something is not known."""
+    """Read a field of a dataclass, with zeros for values that its docstring calls unknown."""
     value, excuse = getattr(owner, name), _DOCUMENTED.get(type(owner), {}).get(name)
     if excuse is None or not isinstance(value, np.ndarray | float):
         return value
@@ -160,7 +160,7 @@ def _no_estimate(owner: Reliability, value: np.ndarray) -> Any:
     return np.isnan(value) & (estimate is not None and np.isnan(estimate))
 
 
-# What the docstrings of the types say of NaN and infinity; what they do not say is a fault.
+# The NaN and infinities that the docstrings of the types permit; all others are faults.
 _DOCUMENTED: dict[type, dict[str, _Excuse]] = {
     Candidates: {
         "sigma": _infinite,

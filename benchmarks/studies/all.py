@@ -1,4 +1,4 @@
-"""Every study, one after the other: `python -m benchmarks.studies.all --out results`."""
+"""Run all studies in turn: `python -m benchmarks.studies.all --out results`."""
 
 from benchmarks.studies import appearance, frames, misses, noise, rig, tilt
 from benchmarks.studies.sweep import arguments, run

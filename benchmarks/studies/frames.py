@@ -1,7 +1,7 @@
 """MODA against the number of frames: `python -m benchmarks.studies.frames --out results`.
 
 The windows of one world share their middle, and only the eight middle frames are scored: the
-methods get more or fewer frames, but the scored people stay the same.
+methods get more or fewer frames, but the scored people are the same.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ LONGEST = 160
 
 
 def window(length: float, seed: int, frames: int) -> Sequence:
-    """The middle `length` frames of a long world; `frames`, its usual length, plays no part."""
+    """Return the middle `length` frames of a long world; `frames`, its usual length, is unused."""
     whole = simulate(seed, LONGEST)
 
     def around(count: int) -> np.ndarray:

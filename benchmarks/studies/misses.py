@@ -8,7 +8,7 @@ from benchmarks.studies.sweep import Sequence, Study, detector, main, simulate
 
 
 def missing(percent: float, seed: int, frames: int) -> Sequence:
-    """A world whose detector misses `percent` of those who are in plain view."""
+    """Simulate a world whose detector misses `percent` of the people in plain view."""
     return simulate(seed, frames, detector=detector(detection_rate=1 - percent / 100))
 
 

@@ -1,14 +1,14 @@
 """MODA against the detector's noise: `python -m benchmarks.studies.noise --out results`.
 
-Every side of every box is off by a Gaussian whose standard deviation is this share of the box
-height, plus one pixel: at 10 % that is 17 pixels for a person of 170.
+Every side of every box has a Gaussian error whose standard deviation is this share of the box
+height, plus one pixel; at 10 %, the share is 17 pixels for a person of 170 pixels.
 """
 
 from benchmarks.studies.sweep import Sequence, Study, detector, main, simulate
 
 
 def noisy(percent: float, seed: int, frames: int) -> Sequence:
-    """A world whose box sides are off by `percent` of the box height."""
+    """Simulate a world whose box sides are off by `percent` of the box height."""
     return simulate(seed, frames, detector=detector(box_noise=percent / 100))
 
 

@@ -9,7 +9,7 @@ from benchmarks.studies.sweep import RigError, Sequence, Study, main, simulate
 
 
 def wrong_rig(degrees: float, seed: int, frames: int) -> Sequence:
-    """A world whose recovered cameras are off by so many degrees, and the rest in proportion."""
+    """Simulate a world with cameras off by these degrees, and other errors in proportion."""
     error = RigError(rotation_deg=degrees, centre=0.3 * degrees, focal=0.04 * degrees)
     return simulate(seed, frames, rig_error=error)
 

@@ -1,8 +1,8 @@
 """Vary one quantity for both methods and several seeds; write a CSV and a figure.
 
-A study defines the quantity, its values, and how to make the sequence of a value and a seed. Each
-seed is another rig, another crowd and another run of the detector; as much as possible is kept when
-the value changes, and both methods get the same boxes. Bands span the seeds, lines are means.
+A study defines the quantity, its values, and how to make the sequence for a value and a seed. Each
+seed is another rig, crowd and run of the detector; as much as possible stays fixed when the value
+changes, and both methods get the same boxes. Bands span the seeds, lines are means.
 """
 
 import argparse
@@ -24,10 +24,10 @@ from catfree.evaluation._position_matching import matched_rows
 from catfree.evaluation._rows import read_sequence
 from catfree.synthetic import DetectorModel, RigError, make_world
 
-LAYOUT = "gmvd6"  # six cameras around a courtyard of 20 x 24 m, 33 people, 2 frames a second
+LAYOUT = "gmvd6"  # six cameras around a courtyard of 20 x 24 m, 33 people, 2 frames per second
 FRAMES = 40
 SEEDS = 5
-GATE = 1.0  # metres; pairs beyond it do not count as the same person when errors are measured
+GATE = 1.0  # meters; more distant pairs do not count as the same person when errors are measured
 MEDIAN_OF_RAYLEIGH = float(np.sqrt(2 * np.log(2)))  # median distance of a unit 2-D Gaussian
 
 METHODS: dict[str, tuple[cf.Settings, str]] = {
@@ -42,13 +42,13 @@ class Study:
 
     Attributes:
         name: stem of the files.
-        title: what the figure shows, a few words.
+        title: title of the figure, a few words.
         axis: label of the quantity, with its unit.
         values: the values, ascending.
         quick: few values for a test.
-        sequence: makes the sequence of a value, a seed and a number of frames; only the frames of
-            its `frames` are scored.
-        logarithmic: whether the axis is.
+        sequence: makes the sequence for a value, a seed and a number of frames; only its `frames`
+            are scored.
+        logarithmic: whether the axis is logarithmic.
     """
 
     name: str
@@ -67,16 +67,16 @@ def simulate(
     detector: DetectorModel | None = None,
     rig_error: RigError | None = None,
 ) -> Sequence:
-    """The courtyard of a seed, with one thing changed."""
+    """Simulate the courtyard of a seed, with one property changed."""
     world = make_world(LAYOUT, seed, frames=frames, detector=detector, rig_error=rig_error)
     return Sequence.of_world(world, f"{LAYOUT} {seed}")
 
 
 def measure(sequence: Sequence, settings: cf.Settings) -> dict[str, float]:
-    """Scores of one run: MODA at 0.5 m, errors and claimed uncertainty in metres.
+    """Score one run: MODA at 0.5 m, errors and stated uncertainty in meters.
 
-    The result is moved by the similarity of the camera centres, as the paper does. What lies
-    outside the evaluation area counts nowhere.
+    The result is aligned by the similarity of the camera centers, as in the paper. Positions
+    outside the evaluation area are ignored.
     """
     tracks = cf.localize(sequence.detections, sequence.scene, settings).tracks
     covariance = world_covariance(tracks, sequence)
@@ -105,7 +105,7 @@ def measure(sequence: Sequence, settings: cf.Settings) -> dict[str, float]:
 def sweep(
     study: Study, values: Iterable[float], seeds: int, frames: int
 ) -> list[dict[str, float | str]]:
-    """Every value, seed and method; one record each."""
+    """Run every value, seed and method; return one record per run."""
     records: list[dict[str, float | str]] = []
     for value in values:
         for seed in range(seeds):
@@ -126,7 +126,7 @@ def _column(records: list[dict[str, Any]], method: str, value: float, name: str)
 
 
 def draw(study: Study, records: list[dict[str, Any]], path: Path) -> None:
-    """Three panels over the quantity: MODA, true and claimed error, share inside the ellipse."""
+    """Draw MODA, true and stated error, and share inside the ellipse, over the quantity."""
     from matplotlib import pyplot
 
     figure, (score, error, inside) = pyplot.subplots(1, 3, figsize=(12, 4.4), layout="constrained")
@@ -164,7 +164,7 @@ def draw(study: Study, records: list[dict[str, Any]], path: Path) -> None:
         ax.grid(color="0.9")
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)  # never over a line
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)  # never covers a line
     seeds = len({record["seed"] for record in records})
     error.set_xlabel(study.axis)
     figure.suptitle(f"{study.title} ({LAYOUT}, mean and range of {seeds} seeds)")
@@ -173,7 +173,7 @@ def draw(study: Study, records: list[dict[str, Any]], path: Path) -> None:
 
 
 def run(study: Study, options: argparse.Namespace) -> Path:
-    """Sweep, write `NAME.csv`, draw `NAME.png`; returns the figure's path."""
+    """Sweep, write `NAME.csv`, draw `NAME.png`, and return the figure's path."""
     options.out.mkdir(parents=True, exist_ok=True)
     started = time.process_time()
     values = study.quick if options.quick else study.values
@@ -192,7 +192,7 @@ def run(study: Study, options: argparse.Namespace) -> Path:
 
 
 def arguments(description: str | None, given: list[str] | None = None) -> argparse.Namespace:
-    """The command line that all studies share."""
+    """Parse the command line shared by all studies."""
     parser = argparse.ArgumentParser(description=(description or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("results"), help="folder of the files")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="worlds a value")
@@ -210,5 +210,5 @@ def main(study: Study, given: list[str] | None = None) -> None:
 
 
 def detector(**changed: float | int) -> DetectorModel:
-    """The default detector with some properties changed."""
+    """Return the default detector with some properties changed."""
     return dataclasses.replace(DetectorModel(), **changed)

@@ -1,14 +1,14 @@
 """MODA against the tilt of the ground: `python -m benchmarks.studies.tilt --out results`.
 
 The recovered ground is turned by this angle about a random horizontal axis through the middle of
-the area, and 5 cm too high or too low there; 10 m away, two degrees are 35 cm.
+the area, where it is also 5 cm too high or too low; 10 m away, two degrees are 35 cm.
 """
 
 from benchmarks.studies.sweep import RigError, Sequence, Study, main, simulate
 
 
 def tilted(degrees: float, seed: int, frames: int) -> Sequence:
-    """A world whose recovered ground is tilted by so many degrees."""
+    """Simulate a world whose recovered ground is tilted by these degrees."""
     return simulate(seed, frames, rig_error=RigError(ground_tilt_deg=degrees))
 
 
