@@ -1,4 +1,4 @@
-"""SIGKILL of shard workers and their parent: a resumed run gives the table of an undisturbed one."""
+"""SIGKILL of shard workers and their parent: a resumed run equals an undisturbed one."""
 
 import contextlib
 import os
