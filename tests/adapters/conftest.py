@@ -1,4 +1,4 @@
-"""Small ONNX graphs made on the spot, with exactly the contract that a test needs."""
+"""Small ONNX graphs, made for each test with exactly the contract that it needs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -42,8 +42,8 @@ def save_graph(
 def constant_graph(tmp_path) -> OnnxWriter:
     """Write a graph that answers every input with the same values, repeated over open axes.
 
-    `answers` maps each output's name to its value with `lead` leading axes left out: those are as
-    long as the input's.
+    `answers` maps each output's name to its value without `lead` leading axes, which are as long as
+    the input's.
     """
 
     def write(
@@ -89,8 +89,8 @@ def constant_graph(tmp_path) -> OnnxWriter:
 def red_finder(tmp_path) -> OnnxWriter:
     """Write a one-class YOLO pose graph that boxes the red pixels of its input.
 
-    All 17 keypoints lie at the box's lower right corner. Its answer shows where the input really
-    puts a picture's content.
+    All 17 keypoints lie at the box's lower right corner. The answer shows where a picture's content
+    really is in the input.
     """
 
     def write(width: int, height: int, *, batch: int | str = 1) -> Path:

@@ -1,4 +1,4 @@
-"""Files made to stall or to crash a reader, or to be believed, end in one sentence at once."""
+"""Files made to stall, crash or deceive a reader fail at once with one sentence."""
 
 import contextlib
 import io

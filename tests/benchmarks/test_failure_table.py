@@ -17,5 +17,5 @@ specification.loader.exec_module(failure_table)
 @pytest.mark.parametrize("separation", failure_table.PAPER)
 def test_incorrect_pairs_survive_as_often_as_the_paper_says(separation):
     found = failure_table.survival(separation, samples=100_000, seed=1)
-    # Three standard errors of a bin with a ninth of the samples, beside the benchmark's one point.
+    # Three standard errors of a bin with a ninth of the samples, plus the benchmark's one point.
     np.testing.assert_allclose(found, failure_table.PAPER[separation], atol=2.0)

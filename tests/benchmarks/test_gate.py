@@ -1,4 +1,4 @@
-"""The gate: what counts as worse, what is named, and what the baseline holds."""
+"""The gate: what counts as worse, what is reported, and what the baseline contains."""
 
 import json
 import sys
@@ -59,7 +59,7 @@ def test_impossible_entries_are_refused_by_name(fields, said):
     assert "suite/figure" in str(caught.value)
 
 
-# What is named.
+# What is reported.
 
 
 def test_a_figure_without_baseline_and_one_that_is_gone_are_both_named():
@@ -106,7 +106,7 @@ def test_an_entry_of_no_suite_is_named():
 
 @pytest.fixture
 def command(monkeypatch, tmp_path, capsys):
-    """Run the gate on one suite and a baseline of its own; answers with exit code and output."""
+    """Run the gate on one suite with its own baseline; return exit code and output."""
 
     def run(measured, *arguments, value=50.0):
         entry = {"value": value, "unit": "%", "direction": "higher", "tolerance": 0.1}

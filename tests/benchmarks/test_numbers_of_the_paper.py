@@ -1,4 +1,4 @@
-"""The numbers that `benchmarks/paper` prints beside ours are those of the paper's tables."""
+"""The paper's numbers in `benchmarks/paper` are those of the paper's tables."""
 
 import importlib
 import re
@@ -36,7 +36,7 @@ def text(path: Path) -> str:
 
 
 def rows_of(paper: str, label: str) -> list[list[str]]:
-    """The cells of each row of a table that has numbers, without markup."""
+    """Return the cells of a table's rows with numbers, without markup."""
     found = re.search(r"\\label\{tab:" + label + r"\}(.*?)\\end\{tabular\}", paper, re.DOTALL)
     assert found is not None, label
     rows = []
@@ -64,7 +64,7 @@ def test_every_row_has_the_papers_numbers(paper, name):
 
 def test_coverage_by_stage(paper):
     rows = rows_of(paper, "coverage")
-    # The last row has what fixing the near misses gains in brackets, and is no row of numbers.
+    # The last row has the gain from fixing near misses in brackets, and is not a row of numbers.
     assert [numbers(row) for row in rows] == [list(v) for v in list(coverage.PAPER.values())[:-1]]
     fixed = re.search(r"MODA if all were fixed(.*)", paper)
     assert fixed is not None

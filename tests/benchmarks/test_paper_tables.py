@@ -1,4 +1,4 @@
-"""The tables of `benchmarks/paper`: how they are rendered, judged and made, on tiny twins."""
+"""The tables of `benchmarks/paper`: rendering, verdicts and computation, on tiny twins."""
 
 import csv
 import dataclasses
@@ -62,7 +62,7 @@ def test_a_table_is_written_twice(tmp_path):
 
 
 def scored(found: list[tuple[int, int]]) -> Score:
-    """A score of frames with (true positives, misses), no false positives."""
+    """Make a score of frames with (true positives, misses), no false positives."""
     truth, predicted = [], []
     for frame, (hits, misses) in enumerate(found):
         truth += [[frame, person, 10.0 * person, 0.0] for person in range(hits + misses)]
@@ -178,7 +178,7 @@ def test_the_truth_scores_one_hundred():
 
 @pytest.fixture
 def four_cameras(monkeypatch):
-    """Twins of four cameras and six people: one shape to compile for."""
+    """Make twins of four cameras and six people: one shape to compile for."""
     small = tuple(dataclasses.replace(made, layout="ring4", people=6) for made in TWINS)
     monkeypatch.setattr(sequences, "TWINS", small)
 

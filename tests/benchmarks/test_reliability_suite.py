@@ -46,7 +46,7 @@ def public_modules():
 
 
 def public_readers():
-    """The names of all public functions `read_*` and classes' methods `load`."""
+    """Return the names of all public functions `read_*` and classes' methods `load`."""
     names = set()
     for module in public_modules():
         for name in dir(module):
@@ -78,7 +78,7 @@ def test_every_file_is_read_before_it_is_damaged(tmp_path):
         assert unsound(value) is None, reader.name
 
 
-# What the docstrings of the types say is not known there, or unlimited.
+# Values that the types' docstrings call unknown or unlimited.
 DOCUMENTED = {
     "candidates": {("sigma", "inf")},
     "reliability": {

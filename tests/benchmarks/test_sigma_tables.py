@@ -23,7 +23,7 @@ PAPER = (("paper", cf.Settings.paper()),)
 
 @pytest.fixture(autouse=True)
 def one_method(monkeypatch):
-    """The paper's method alone, which compiles faster."""
+    """Use only the paper's method, which compiles faster."""
     for module in (camera_removal, sigma_curve, heldout, leave_one_out, unseen_rig):
         monkeypatch.setattr(module, "METHODS", PAPER)
 
@@ -115,7 +115,7 @@ def test_the_papers_own_numbers_give_the_papers_correlation():
 def test_resampled_moda_is_that_of_the_frames(wildtrack):
     metrics = score(localize(wildtrack, cf.Settings.paper()), wildtrack, tracking=False).detection
     drawn = sigma_curve.resampled_moda(metrics, np.random.default_rng(0))
-    # Blocks as long as the sequence wrap around: every draw holds each frame once.
+    # Blocks as long as the sequence wrap around: every draw contains each frame once.
     np.testing.assert_allclose(drawn, metrics.moda)
 
 

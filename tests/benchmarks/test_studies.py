@@ -1,4 +1,4 @@
-"""The studies in their quick form: every knob turns what it says, files are complete."""
+"""The quick form of the studies: every quantity varies as stated, and files are complete."""
 
 import csv
 import dataclasses
@@ -27,7 +27,7 @@ def test_noise_moves_boxes_and_nothing_else():
 
 
 def test_misses_take_away_that_share_of_the_boxes():
-    # Of a thousand boxes, which a few false ones join: three standard errors are below 0.05.
+    # For a thousand boxes and a few false ones, three standard errors are below 0.05.
     all_found, half = misses.missing(0, 1, 6), misses.missing(45, 1, 6)
     assert len(half.detections) / len(all_found.detections) == pytest.approx(0.55, abs=0.1)
 
@@ -71,7 +71,7 @@ def test_windows_share_their_scored_middle():
 
 @pytest.mark.slow
 def test_claimed_and_true_errors_are_in_metres_whatever_the_gauge(monkeypatch):
-    """A result that is the truth, displaced by 10 cm, with a sigma of 20 cm."""
+    """Make a result from the truth, displaced by 10 cm, with a sigma of 20 cm."""
     sequence = sweep.simulate(0, 3, rig_error=sweep.RigError(0, 0, 0, 0, 0))
     scene, truth = sequence.scene, sequence.ground_truth
     align = cf.evaluation.align_centres(scene.rig.centers, sequence.true_centres)
@@ -92,7 +92,7 @@ def test_claimed_and_true_errors_are_in_metres_whatever_the_gauge(monkeypatch):
     found = type("Found", (), {"tracks": tracks})
     monkeypatch.setattr(sweep.cf, "localize", lambda *_: found)
     result = sweep.measure(sequence, cf.Settings())
-    assert result["moda"] > 99  # who stands within 10 cm of the border may leave the area
+    assert result["moda"] > 99  # people within 10 cm of the border may leave the area
     assert result["error_m"] == pytest.approx(0.1, abs=1e-3)
     assert result["claimed_error_m"] == pytest.approx(0.2 * np.sqrt(2 * np.log(2)), abs=1e-3)
     assert result["coverage_percent"] == 100

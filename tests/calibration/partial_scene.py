@@ -4,7 +4,7 @@ from catfree.types import Rig, Scene
 
 
 def without_camera(scene, camera):
-    """The scene with a camera that is not registered and has no place, and which are."""
+    """Unregister one camera of a scene, with NaN pose; also return which are registered."""
     rig = scene.rig
     t = np.array(rig.t)
     t[camera] = np.nan

@@ -1,4 +1,4 @@
-"""Cameras that take a step of an adjustment, and their pixels."""
+"""Cameras after an adjustment step, and their pixels."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Rigs from people seen through lenses that nobody told of."""
+"""Rigs from people seen through unknown lens distortion."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from tests.calibration.ring_world import ring_of_six
 pytestmark = pytest.mark.slow
 
 K1 = -0.3
-CAMERAS = range(4)  # of the ring, calibrated in half the time of all six
+CAMERAS = range(4)  # of the ring; calibrating four takes half the time of all six
 
 
 @pytest.fixture(scope="module")

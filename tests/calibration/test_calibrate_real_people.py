@@ -1,6 +1,6 @@
-"""Rigs of real scenes from real detector boxes: what must hold whatever the boxes.
+"""Rigs of real scenes from real detector boxes: properties that hold for any boxes.
 
-How accurate the rigs are is measured by the gate (`benchmarks/gate.py`).
+The gate measures the accuracy of the rigs (`benchmarks/gate.py`).
 """
 
 import dataclasses
@@ -15,13 +15,13 @@ from tests.known_sequences import real_path
 
 pytestmark = pytest.mark.slow
 
-DISTURBED = 1  # the camera whose frames are at other times
+DISTURBED = 1  # the camera whose frames are shifted in time
 
 
 def aligned_centers(
     calibration: Calibration, truth: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Registered cameras, their centers after a similarity alignment, and the estimated scale."""
+    """Return registered cameras, their aligned centers, and the estimated scale."""
     rig = calibration.scene.rig
     registered = np.flatnonzero(rig.registered)
     similarity = fit_similarity(np.asarray(rig.centers)[registered], truth[registered])
@@ -30,7 +30,7 @@ def aligned_centers(
 
 
 def shifted(sequence: MultiViewSequence, camera: int, times: np.ndarray):
-    """The boxes, with the frames of one camera at other times."""
+    """Shift the frames of one camera in time."""
     boxes = sequence.detections
     frame = boxes.frame.copy()
     rows = boxes.camera == camera
@@ -40,7 +40,7 @@ def shifted(sequence: MultiViewSequence, camera: int, times: np.ndarray):
 
 @pytest.fixture(scope="module")
 def room(shared) -> MultiViewSequence:
-    """Half a minute, of which a rig is calibrated in half the time of all."""
+    """Half a minute, which takes half the time of the whole to calibrate."""
     sequence = read_uniform_json(real_path(shared / "data", "cmc1"))
     return sequence.select_frames(sequence.frames[:130])
 
@@ -52,7 +52,7 @@ def calibrated(room):
 
 @pytest.fixture(scope="module")
 def without(room):
-    """The rig of the other cameras alone."""
+    """Calibrate only the other cameras."""
     boxes = room.detections
     calibration = calibrate(boxes[boxes.camera != DISTURBED], room.rig.image_size)
     return aligned_centers(calibration, np.asarray(room.rig.centers))
@@ -66,7 +66,7 @@ def test_a_real_room_is_registered_whole_and_states_its_scale(room, calibrated):
 
 @pytest.mark.parametrize("kind", ["late", "shuffled"])
 def test_a_camera_of_other_times_is_flagged_and_the_others_stay(room, without, kind):
-    """Of the same few people in the same room, its matches 5 s late beat every other lateness."""
+    """With the same few people in a room, matches that are 5 s late beat every other delay."""
     frames = np.unique(room.detections.frame)
     late, shuffled = np.roll(frames, -20), np.random.default_rng(0).permutation(frames)
     disturbed = shifted(room, DISTURBED, late if kind == "late" else shuffled)

@@ -1,4 +1,4 @@
-"""Which people refine a rig, and how much of what they say is new."""
+"""Which people refine a rig, and how much new information they give."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_confident_people_are_right_correspondences():
 
 
 def test_somebody_who_stays_says_nothing_new():
-    """People who walk are at a new place in nearly every frame; who stands is at one."""
+    """People who walk are at a new place in nearly every frame; standing people are at one."""
     world, settings = ring_of_six(), EvidenceSettings()
     walking = confident_people(world.detections, world.true_scene, settings)
     assert 1 <= walking.stays < 2

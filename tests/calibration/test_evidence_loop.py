@@ -1,4 +1,4 @@
-"""Cameras beside their places are found and moved, and no longer keep others out."""
+"""Misplaced cameras are found and moved, and no longer exclude others."""
 
 from dataclasses import dataclass, replace
 
@@ -38,9 +38,9 @@ def right(loop):
 
 
 def furthest(found, right):
-    """Largest distance of a camera from where it belongs, in metres; NaN ones left out.
+    """Return the largest position error of a camera in meters, ignoring NaN.
 
-    The rig as a whole may have moved: people do not tell where it is on the ground.
+    The rig as a whole may have moved: people do not determine its place on the ground.
     """
     known = np.asarray(found.scene.rig.registered)
     center, place = (np.asarray(one.scene.rig.centers)[known] for one in (found, right))
@@ -117,10 +117,10 @@ def test_where_nobody_is_sure_nothing_moves(world, right):
 @pytest.mark.parametrize(
     ("rounds", "chosen", "done"),
     [
-        # (residual, how far a camera has gone from the start in its standard deviations)
-        ([(9.0, 5.0), (3.0, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # it rests
-        ([(3.0, 5.0), (3.02, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # 2 % of information are the same
-        ([(3.0, 5.0), (3.1, 9.0), (2.0, 9.1)], (3.0, 5.0), 2),  # less is not, and is taken back
+        # (residual, distance of a camera from its start in standard deviations)
+        ([(9.0, 5.0), (3.0, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # converged
+        ([(3.0, 5.0), (3.02, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # 2 % of information are equal
+        ([(3.0, 5.0), (3.1, 9.0), (2.0, 9.1)], (3.0, 5.0), 2),  # a larger loss is undone
         ([(3.0, 0.1), (2.0, 0.1)], (3.0, 0.1), 1),
         ([(3.0, 5.0), None], (3.0, 5.0), 2),
         ([(9.0, float(k)) for k in range(1, 8)], (9.0, 5.0), 5),  # at most evidence_rounds
@@ -160,7 +160,7 @@ def test_a_move_is_measured_in_deviations_of_the_camera_that_moved_most(right, s
 
 @dataclass(frozen=True)
 class Refined(EvidenceLoop):
-    """A loop that changes nothing but the residual and the number of boxes that fit."""
+    """A loop that changes only the residual and the number of fitting boxes."""
 
     factor: float = 1.0
     share: float = 1.0
@@ -197,7 +197,7 @@ def test_nothing_is_corrected_if_the_rig_fits_no_better(late):
 
 @pytest.mark.parametrize(("factor", "share", "kept"), [(1.02, 1.4, True), (0.9, 0.7, False)])
 def test_boxes_that_fit_count_as_well_as_how_well_they_fit(late, factor, share, kept):
-    """A late camera that lost most of its people may fit those that are left."""
+    """A late camera that lost most of its people may fit the remaining ones."""
     found, _ = Refined.of(late, factor, share).synchronized(true_ring())
     assert found.frame_offset.any() == kept
 

@@ -33,7 +33,7 @@ STILL = np.zeros((4, 7))
 
 
 def small_problem(seed: int, *, noise: float = 0.0, people: int = 12):
-    """Cameras of a ring in units of its extent, people on the ground, and what is seen of them."""
+    """Make a ring of cameras in units of its extent, people on the ground, and their boxes."""
     rng = np.random.default_rng(seed)
     layout = make_layout("ring4", seed % 5)
     extent = float(layout.scene.extent)
@@ -77,7 +77,7 @@ def test_finds_the_minimum_that_scipy_finds():
 
 
 def test_exact_sightings_bring_the_cameras_back():
-    # A weak tie, since every error of the start is paid for.
+    # A weak tie, because the prior penalizes every error of the start.
     rng, rig, points, sightings = small_problem(1, people=60)
     wrong = moved_rig(rig, np.column_stack([rng.normal(0, 0.01, (4, 6)), np.zeros(4)]))
     found = adjust(*sightings, wrong, STILL, points, iterations=40)
@@ -122,7 +122,7 @@ def centre_error(scene: Scene, world) -> float:
 
 @pytest.fixture(scope="module")
 def disturbed():
-    """A crowded world whose cameras are off by 1 degree, 0.3 m and 2 %, and its refinement."""
+    """Refine a crowded world whose cameras are off by 1 degree, 0.3 m and 2 %."""
     world = make_world("multiviewx", 1, frames=40, rig_error=RigError(1.0, 0.3, 0.02))
     return world, refine(world.detections, world.scene, PAPER, rounds=4)
 
@@ -137,7 +137,7 @@ def test_trace_holds_every_round_and_the_best_one_wins(disturbed):
     assert found.residuals.shape == found.people.shape == (5,)
     assert found.chosen == np.argmin(found.residuals)
     again = refine(world.detections, found.scene, PAPER, rounds=0)
-    # The residual of the scene that comes back is the one that the trace promises.
+    # The residual of the returned scene is the last one of the trace.
     assert again.residuals[0] == pytest.approx(found.residuals[found.chosen], rel=0.02)
     assert again.chosen == 0
     assert again.scene is found.scene

@@ -1,4 +1,4 @@
-"""The refinement's loop with the evidence method: what must hold, then what it gains."""
+"""The refinement's loop with the evidence method: its properties, then its gain."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def centre_error(scene: Scene, world: World) -> float:
 
 @pytest.fixture(scope="module")
 def disturbed() -> tuple[World, Refinement]:
-    """A world whose cameras are off by 1 degree, 0.3 m and 2 %, and its refinement."""
+    """Refine a world whose cameras are off by 1 degree, 0.3 m and 2 %."""
     world = small_world(DEGREE_OFF)
     return world, refine(world.detections, world.scene)
 
@@ -48,13 +48,13 @@ def test_runs_are_few_frames_in_neighbours(frames, most):
     frame = np.array(frames)
     chosen = in_runs(frame, most)
     every, kept = np.unique(frame), np.unique(frame[chosen])
-    # Whole frames, not more than allowed, all of them if they fit.
+    # Whole frames, at most the allowed number, and all of them if they fit.
     assert not np.isin(frame[~chosen], kept).any()
     assert len(kept) <= most
     if len(every) <= most:
         assert chosen.all()
     else:
-        # Each run is of neighbours in the sequence, the last one cut short by nothing.
+        # Each run consists of neighboring frames, and the last run is complete.
         index = np.searchsorted(every, kept)
         runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
         assert min(map(len, runs)) >= min(RUN, most)
@@ -71,7 +71,7 @@ def test_stops_when_the_residual_stops_falling_and_the_best_round_wins(disturbed
     assert found.chosen == np.argmin(found.residuals)
     assert found.residuals[found.chosen] < found.residuals[0]
     again = refine(world.detections, found.scene, rounds=0)
-    # The same measure of the scene that comes back: what the trace promises.
+    # The same measure of the returned scene equals that of the trace.
     assert again.residuals[0] == pytest.approx(found.residuals[found.chosen], rel=1e-3)
 
 
@@ -95,7 +95,7 @@ def test_a_right_rig_stays():
     found = refine(world.detections, world.scene)
     assert found.residuals[found.chosen] <= found.residuals[0]
     moved = np.asarray(found.scene.rig.centers) - np.asarray(world.scene.rig.centers)
-    # Boxes are as exact as people and detector are: centimetres in a ring of 20 m.
+    # Boxes are only as exact as people and detector: centimeters in a ring of 20 m.
     assert np.linalg.norm(moved, axis=-1).max() < 0.01 * float(world.scene.extent)
     turn = Rotation.from_matrix(
         np.asarray(found.scene.rig.R) @ np.asarray(world.scene.rig.R).transpose(0, 2, 1)
@@ -128,7 +128,7 @@ def test_similarity_of_the_scene_moves_the_result(disturbed):
     moved = Similarity(7.0, turn, np.array([5.0, -3.0, 2.0]))
     here = refine(world.detections, world.scene, rounds=1)
     there = refine(world.detections, transform_scene(moved, world.scene), rounds=1)
-    # In a rig this wrong a few people are sure by a hair, which rounding may split.
+    # In a rig this wrong a few people are barely certain, which rounding may change.
     np.testing.assert_allclose(there.residuals, here.residuals, rtol=1e-2)
     expected = np.asarray(moved(np.asarray(here.scene.rig.centers)))
     atol = 1e-3 * 7 * float(world.scene.extent)

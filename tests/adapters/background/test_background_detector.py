@@ -30,7 +30,7 @@ SHADE = 0.55
 
 
 def axes():
-    """World-to-camera rotation: x right, y down, z forward; world z up, y forward."""
+    """Return the world-to-camera rotation: x right, y down, z forward; world z up, y forward."""
     s, c = np.sin(TILT), np.cos(TILT)
     return np.array([[1, 0, 0], [0, -s, -c], [0, c, -s]])
 
@@ -41,7 +41,7 @@ def project(points):
 
 
 def paved_square(rng):
-    """The empty scene: slabs with their own tone and grain, a wall behind."""
+    """Draw the empty scene: slabs with different tone and grain, and a wall behind."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     rays = np.stack([(u - WIDTH / 2) / FOCAL, (v - HEIGHT / 2) / FOCAL, np.ones(u.shape)], -1)
     world = rays @ axes()
@@ -70,13 +70,13 @@ class Walker:
         self.hair = rng.uniform(20, 90) * np.ones(3)
 
     def position(self, time):
-        """Back and forth in the square."""
+        """Walk back and forth in the square."""
         low, span = np.array([-5.5, 6.5]), np.array([11.0, 11.5])
         turn = (self.start + self.velocity * time - low) % (2 * span)
         return low + np.minimum(turn, 2 * span - turn)
 
     def silhouette(self, time):
-        """Foot and head pixel, and coloured polygons in heights, x right and y up."""
+        """Return foot and head pixel, and colored polygons in heights, x right and y up."""
         x, y = self.position(time)
         swing = 0.1 * np.sin(self.phase + 1.3 * time)
         foot, head = project([[x, y, 0], [x, y, self.height]])
@@ -101,7 +101,7 @@ class Walker:
 
 
 def draw(background, walkers, time, rng, shadows=True, reach=(0.75, 0.35), blur=1.0):
-    """The picture, the whole box of each walker, and how much of each is seen."""
+    """Draw a picture; also return the whole box of each walker, and how much of each is seen."""
     canvas = background.copy()
     order = np.argsort([-w.position(time)[1] for w in walkers])
     if shadows:
@@ -149,7 +149,7 @@ def draw(background, walkers, time, rng, shadows=True, reach=(0.75, 0.35), blur=
 
 
 def film(people, frames=120, seed=0, shadows=True):
-    """(picture, boxes, visible shares) of each frame, one a second."""
+    """Yield (picture, boxes, visible shares) of each frame, one per second."""
     rng = np.random.default_rng(seed)
     background, walkers = paved_square(rng), [Walker(rng) for _ in range(people)]
     return [draw(background, walkers, float(t), rng, shadows) for t in range(frames)]
@@ -160,7 +160,7 @@ def film(people, frames=120, seed=0, shadows=True):
 
 @pytest.fixture(scope="module")
 def street():
-    """Twelve people for 100 frames, and the detector fitted to them."""
+    """Draw twelve people for 100 frames, and fit a detector to them."""
     frames = film(12, frames=100)
     return frames, BackgroundDetector().fit(image for image, _, _ in frames)
 
@@ -238,12 +238,12 @@ def test_shadows_are_not_people_and_do_not_lower_feet(street):
         moved = shaded.box[best, 3] - lit.box[pairs.max(axis=1) > 0.7, 3]
         assert np.median(np.abs(moved)) < 0.02 * height
         same, seen = same + len(best), seen + len(lit)
-    assert same >= 0.9 * seen  # a shadow behind a pair shifts where the two are told apart
+    assert same >= 0.9 * seen  # a shadow behind a pair shifts the border between the two
 
 
 @pytest.mark.parametrize("blur", [1.0, 2.0])
 def test_shadows_towards_the_camera_do_not_lower_feet(street, blur):
-    """Their blurred rim must not count as a body that they rest on."""
+    """Their blurred rim must not count as a body below them."""
     _, detector = street
     rng = np.random.default_rng(0)
     background, walkers = paved_square(rng), [Walker(rng) for _ in range(12)]
@@ -261,7 +261,7 @@ def test_shadows_towards_the_camera_do_not_lower_feet(street, blur):
 
 
 def test_hair_paler_than_the_face_belongs_to_the_person(street):
-    """An edge is where the difference falls to half of what it is next to that edge."""
+    """An edge is where the difference falls to half of its value next to that edge."""
     _, detector = street
     difference = np.zeros((120, 100), np.float32)
     difference[30:90, 40:60] = 100.0
@@ -272,7 +272,7 @@ def test_hair_paler_than_the_face_belongs_to_the_person(street):
 
 
 def test_how_dark_shadows_are_is_learned(street):
-    """The drawn shadows leave 55 % of the light; darker grey clothes are no shadow."""
+    """The drawn shadows leave 55 % of the light; darker gray clothes are not a shadow."""
     _, detector = street
     assert np.log(SHADE) - 0.25 < detector.background.darkest < np.log(SHADE)
     rng = np.random.default_rng(0)
@@ -343,7 +343,7 @@ def test_too_few_pictures_and_another_camera(street):
         detector(frames[0][0][:, :-40])
 
 
-# The parts.
+# Parts of the detector.
 
 
 @given(st.integers(0, 1000))
@@ -417,7 +417,7 @@ def test_merged_bodies_are_told_apart(people):
 
 
 def test_a_person_behind_a_wall_is_split_off_without_legs():
-    """The template's feet lie where the height says, below what is seen."""
+    """The template's feet lie where the height says, below the visible part."""
     profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
     canvas = np.zeros((240, 320), np.uint8)
     body(canvas, 100, 150, 70)
@@ -429,7 +429,7 @@ def test_a_person_behind_a_wall_is_split_off_without_legs():
 
 
 def test_two_people_as_wide_as_one_are_two():
-    """One behind the other: the silhouette has one person's height and width, not the shape."""
+    """One behind the other: the silhouette has one person's height and width, but not the shape."""
     profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
     canvas = np.zeros((240, 320), np.uint8)
     body(canvas, 100, 150, 70)
@@ -441,7 +441,7 @@ def test_two_people_as_wide_as_one_are_two():
 
 
 def test_somebody_almost_hidden_is_found_where_expected():
-    """Behind two others one explains too little anywhere but where one is expected."""
+    """Behind two others, a third person explains too little, except where expected."""
     profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
     canvas = np.zeros((240, 320), np.uint8)
     people = [(92, 158), (112, 158), (102, 141)]
@@ -486,4 +486,4 @@ def test_splitting_moves_with_the_blob(shift, down):
         box = Blobs.find(canvas).box[0]
         feet = [(p.u - dx, p.v - dy) for p in split_blob(canvas, box, profile)]
         found.append(np.array(sorted(feet)))
-    np.testing.assert_allclose(found[0], found[1], atol=2)  # half pixels round either way
+    np.testing.assert_allclose(found[0], found[1], atol=2)  # half pixels may be rounded up or down

@@ -1,4 +1,4 @@
-"""A remembered foreground is the one that was found, and memory stays bounded."""
+"""A remembered foreground equals the one found before, and memory is bounded."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 from catfree.adapters.background._background_model import BackgroundModel, Foreground
 from catfree.adapters.background._foreground_memory import ForegroundMemory
 
-ROWS, COLUMNS = 30, 41  # no whole number of bytes of pixels
+ROWS, COLUMNS = 30, 41  # the pixels do not fill whole bytes
 
 
 class Counting:

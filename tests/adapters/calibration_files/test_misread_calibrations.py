@@ -1,4 +1,4 @@
-"""Calibrations that could be read as something else than they are meant to be."""
+"""Calibrations that could be misread as something else."""
 
 import inspect
 import json

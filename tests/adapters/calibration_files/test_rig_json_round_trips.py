@@ -1,4 +1,4 @@
-"""Every calibration format gives back the rig that was written, and complains clearly."""
+"""Every calibration format reads back the written rig, and errors are clear."""
 
 import dataclasses
 import inspect
@@ -35,7 +35,7 @@ def _numbers(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 def rigs(max_cameras: int = 4) -> st.SearchStrategy[dict]:
-    """Arguments of `Rig` for cameras of any poses, sizes and lenses."""
+    """Draw arguments of `Rig` for cameras with any poses, sizes and lenses."""
     coefficient = st.just(0.0) | _numbers(-1.0, 1.0)
     camera = st.fixed_dictionaries(
         {
@@ -280,7 +280,7 @@ def test_failed_writes_leave_the_old_file(tmp_path, monkeypatch):
     assert path.read_bytes() == before
 
 
-# One hand-made camera, a quarter turn about z, looked at through each format.
+# One hand-made camera, a quarter turn about z, written in each format.
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -383,7 +383,7 @@ def test_opencv_reads_what_we_write(tmp_path):
 
 
 def test_opencv_yaml_by_hand(tmp_path):
-    """Lists in both of YAML's styles, a comment, and entries that are no numbers."""
+    """Lists in both of YAML's styles, a comment, and entries that are not numbers."""
     path = tmp_path / "left.yaml"
     path.write_text(
         "%YAML:1.0\n---\n# made by hand\ncamera: left\n"

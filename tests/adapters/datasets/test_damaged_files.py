@@ -1,4 +1,4 @@
-"""Damaged files whose format is found out raise an error of the library, whatever the damage."""
+"""Damaged files whose format is detected raise an error of the library, whatever the damage."""
 
 import contextlib
 import json

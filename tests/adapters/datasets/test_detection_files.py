@@ -1,4 +1,4 @@
-"""Boxes of all cameras: every format gives the same detections, and mistakes are named."""
+"""Boxes of all cameras: every format gives the same detections, and errors name mistakes."""
 
 import json
 from dataclasses import replace
@@ -289,7 +289,7 @@ def test_cameras_named_by_numbers_are_read_by_name(tmp_path_factory, names, came
     read, given_back = cf.read_detections(path, names)
     assert given_back == tuple(names)
     np.testing.assert_array_equal(read.camera, cameras)
-    # What catfree wrote has positions.
+    # Tables written by catfree have positions.
     boxes.save(path.with_suffix(".npz"))
     write_detections_parquet(path.with_suffix(".parquet"), boxes)
     for own in (path.with_suffix(".npz"), path.with_suffix(".parquet")):
@@ -611,7 +611,7 @@ def test_boxes_of_results_keep_the_names_of_their_cameras(tmp_path):
     np.testing.assert_array_equal(turned.camera, 2 - world.detections.camera)
     with pytest.raises(InvalidInputError, match="which are not all among A, B, C"):
         cf.read_detections(tmp_path, ["A", "B", "C"])
-    scene = world.scene  # of fewer cameras than the boxes
+    scene = world.scene  # has fewer cameras than the boxes
     write_scene_json(
         tmp_path / "scene.json", replace(scene, rig=scene.rig.select([0, 1])), NAMES[:2]
     )

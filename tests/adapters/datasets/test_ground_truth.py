@@ -11,7 +11,7 @@ from catfree.evaluation import hota
 
 
 def write_annotations(folder, frames, cameras, positions):
-    """One person per position in every frame; the last is seen by nobody."""
+    """Place one person per position in every frame; no camera sees the last."""
     (folder / "annotations_positions").mkdir(parents=True)
     for frame in frames:
         people = []

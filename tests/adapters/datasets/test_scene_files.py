@@ -1,4 +1,4 @@
-"""Cameras and ground: every format gives the same scene, and what cannot be a ground is refused."""
+"""Cameras and ground: every format gives the same scene, and invalid grounds are refused."""
 
 import json
 import warnings
@@ -33,7 +33,7 @@ def rig() -> Rig:
 
 
 def written(folder, rig):
-    """The same cameras in every format, with and without a ground."""
+    """Write the same cameras in every format, with and without a ground."""
     scene = Scene.from_rig(rig, FLOOR, metric=True)
     scene.save(folder / "scene.npz")
     yaml, cam_info, colmap = folder / "yaml", folder / "camInfo", folder / "colmap"
@@ -80,7 +80,7 @@ def test_every_format_gives_the_same_scene(rig, tmp_path):
 
 def test_an_image_size_that_contradicts_the_files_is_refused(rig, tmp_path):
     for path in written(tmp_path, rig):
-        if path == tmp_path / "camInfo":  # whose files state no size
+        if path == tmp_path / "camInfo":  # its files state no size
             continue
         wrong = r"image_size is 800 x 600, but the calibration of camera .* Leave it out"
         with pytest.raises(cf.CatFreeError, match=wrong):
@@ -89,7 +89,7 @@ def test_an_image_size_that_contradicts_the_files_is_refused(rig, tmp_path):
 
 def test_the_case_of_a_suffix_does_not_matter(rig, tmp_path):
     size = tuple(rig.image_size[0].tolist())
-    for path in written(tmp_path, rig)[:5]:  # those of one file
+    for path in written(tmp_path, rig)[:5]:  # formats of one file
         scene, names = cf.read_scene(path, image_size=size)
         same, same_names = cf.read_scene(
             path.rename(path.with_suffix(path.suffix.upper())), image_size=size

@@ -17,7 +17,7 @@ K = [[1000.0, 0.0, 960.0], [0.0, 1000.0, 540.0], [0.0, 0.0, 1.0]]
 
 
 def document() -> dict:
-    """Two cameras 2 m high at x = -10 and x = 10 that look at each other; two people."""
+    """Write two cameras 2 m high at x = -10 and x = 10, facing each other, and two people."""
     cameras = [
         {"name": name, "K": K, "R": R, "t": [0.0, 2.0, 10.0], "width": 1920, "height": 1080}
         for name, R in (("west", LOOKING_EAST), ("east", LOOKING_WEST))
@@ -130,7 +130,7 @@ def test_select_frames(tmp_path):
 
 
 def edit(path: str, value: object):
-    """A document with one entry replaced, addressed like `frames.0.views`; `...` deletes it."""
+    """Replace one entry of a document, addressed like `frames.0.views`; `...` deletes it."""
     content = copy.deepcopy(document())
     *parents, last = (int(k) if k.isdigit() else k for k in path.split("."))
     node = content

@@ -1,4 +1,4 @@
-"""Whatever stands where a number belongs, JSON readers answer with one sentence."""
+"""JSON readers answer any wrong value in place of a number with a one-sentence error."""
 
 import copy
 import json
@@ -54,7 +54,7 @@ def uniform() -> dict:
 
 
 def places(node: Any, path: tuple = ()) -> Iterator[tuple]:
-    """The path of every entry of a document."""
+    """Return the path of every entry of a document."""
     items = node.items() if isinstance(node, dict) else enumerate(node)
     for key, value in items:
         yield (*path, key)

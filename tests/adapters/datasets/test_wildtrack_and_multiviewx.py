@@ -1,4 +1,4 @@
-"""WildTrack and MultiviewX in their publishers' layouts, written here around known people."""
+"""WildTrack and MultiviewX in their publishers' layouts, written here for known people."""
 
 import json
 from pathlib import Path
@@ -14,11 +14,11 @@ from catfree.types import Rig
 WILDTRACK_CAMERAS = ("CVLab1", "CVLab2", "CVLab3", "CVLab4", "IDIAP1", "IDIAP2", "IDIAP3")
 INTRINSICS = np.array([[1000.0, 0, 960.5], [0, 1010, 540.25], [0, 0, 1]])
 LENS = [-0.1, 0.2, 0.001, 0.002, -0.05]
-HEIGHT, RADIUS = 1.8, 0.25  # metres of an annotated cylinder
+HEIGHT, RADIUS = 1.8, 0.25  # size of an annotated cylinder in meters
 
 
 def rig_around(x: float, y: float, count: int) -> Rig:
-    """Cameras 3 m high on a circle of 15 m radius that look at (x, y)."""
+    """Place cameras 3 m high on a circle of 15 m radius, looking at (x, y)."""
     angle = 2 * np.pi * np.arange(count) / count + 0.2
     center = np.array([x, y, 0]) + np.stack(
         [15 * np.cos(angle), 15 * np.sin(angle), np.full(count, 3.0)], -1
@@ -33,7 +33,7 @@ def rig_around(x: float, y: float, count: int) -> Rig:
 
 
 def view(rig: Rig, camera: int, xy: np.ndarray) -> dict:
-    """The annotation of a cylinder at `xy`, all -1 where it is not in the image."""
+    """Annotate a cylinder at `xy`, with all values -1 if it is not in the image."""
     angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     ring = xy + RADIUS * np.stack([np.cos(angle), np.sin(angle)], -1)
     points = np.concatenate([np.insert(ring, 2, z, axis=1) for z in (0.0, HEIGHT)])
@@ -76,7 +76,7 @@ WILDTRACK_PEOPLE = {
 
 
 def write_wildtrack(folder: Path) -> Rig:
-    """Seven cameras, frames 0, 5 and 15, images of two frames of C1."""
+    """Write seven cameras, frames 0, 5 and 15, and images of two frames of C1."""
     rig = rig_around(3.0, 6.0, 7)
     for kind, lens in (("intrinsic_zero", [0] * 5), ("intrinsic_original", LENS)):
         target = folder / "calibrations" / kind
@@ -108,7 +108,7 @@ def write_wildtrack(folder: Path) -> Rig:
 
 
 def mirrored(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
-    """The extrinsics as MultiviewX publishes them: y is 16 - y and depth is negative."""
+    """Write extrinsics as MultiviewX publishes them: y is 16 - y and depth is negative."""
     flip = np.diag([1.0, -1, 1])
     R, t = np.asarray(rig.R), np.asarray(rig.t)
     return -R @ flip, -(t + R @ np.array([0, 16.0, 0]))
@@ -225,7 +225,7 @@ def test_multiviewx_annotation_numbers(images, first, frames, tmp_path):
 
 
 def write_matchings(folder: Path, rig: Rig) -> None:
-    """Two people as cuboids, seen by all cameras, with the renderer's negative numbers."""
+    """Write two people as cuboids, seen by all cameras, with the renderer's negative numbers."""
     (folder / "matchings").mkdir()
     feet = {(1, -40): (12.5, 8.0), (1, -50): (10.0, 7.0), (2, -40): (12.25, 8.0)}  # left-handed
     for camera in range(6):
@@ -268,7 +268,7 @@ def test_multiviewx_matchings(tmp_path):
 class TestAnnotationErrors:
     @staticmethod
     def damaged(read, folder: Path, change) -> Path:
-        """The folder with its first annotation file changed."""
+        """Change the first annotation file of the folder."""
         (write_wildtrack if read is read_wildtrack else write_multiviewx)(folder)
         path = min((folder / "annotations_positions").iterdir())
         people = json.loads(path.read_text())

@@ -17,7 +17,7 @@ SIZES = [(640, 480), (641, 359), (33, 500), (1920, 1080), (97, 101), (7, 5)]
 
 
 def raw_head(boxes, scores, keypoints=None, classes=1, person=0, anchors=20):
-    """(4 + classes + 51, anchors) columns with the given cxcywh first and silence after them."""
+    """Make (4 + classes + 51, anchors) columns: the given cxcywh first, then empty ones."""
     out = np.zeros((4 + classes + 51, anchors), np.float32)
     for i, (box, score) in enumerate(zip(boxes, scores, strict=True)):
         out[:4, i] = box
@@ -33,7 +33,7 @@ def picture_with_red_box(width, height, box):
     return image
 
 
-# Where the network's input puts a picture's content is where the answer is mapped back to.
+# The answer is mapped back to where the network's input puts a picture's content.
 
 
 @pytest.mark.parametrize(("input_width", "input_height"), [(640, 640), (256, 160), (96, 320)])
@@ -102,7 +102,7 @@ def test_overlapping_boxes_are_suppressed_and_weak_ones_dropped(constant_graph):
 def test_the_end_to_end_head(constant_graph):
     rows = np.zeros((300, 57), np.float32)
     rows[0, :6] = 10, 20, 50, 120, 0.8, 0
-    rows[1, :6] = 12, 20, 50, 120, 0.7, 0  # the head has suppressed by itself: both stay
+    rows[1, :6] = 12, 20, 50, 120, 0.7, 0  # the head suppresses boxes itself, so both stay
     rows[2, :6] = 10, 20, 50, 120, 0.9, 1  # another class
     rows[3, :6] = 10, 20, 50, 120, 0.1, 0
     rows[:, 6:] = np.tile([30, 110, 0.6], 17)
@@ -311,7 +311,7 @@ def annotated_pictures(shared: Path) -> list[tuple[np.ndarray, np.ndarray]]:
 
 @pytest.mark.slow
 def test_finer_tiles_find_more_people_and_nobody_twice(shared):
-    """People of these pictures are 46 px tall in the network's input, 83 and 120 px in tiles."""
+    """People in these pictures are 46 px tall in the network's input, 83 and 120 px in tiles."""
     pictures = annotated_pictures(shared)
     recall = []
     for tiles in (None, 2, 3):

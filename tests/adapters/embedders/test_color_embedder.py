@@ -4,7 +4,7 @@ from hypothesis import given, strategies as st
 
 from catfree.adapters import ColorEmbedder, Embedder
 
-# Shirt, trousers and skin of people one can tell apart.
+# Shirt, trousers and skin of distinguishable people.
 CLOTHES = [
     [(200, 40, 40), (40, 50, 110), (210, 160, 130)],
     [(40, 60, 190), (60, 60, 60), (120, 80, 60)],
@@ -17,7 +17,7 @@ CLOTHES = [
 
 
 def portrait(clothes, rng, *, gain=1.0, shift=(0, 0), height=120, tint=(1, 1, 1)):
-    """A picture of one person before a grey wall, and the person's box."""
+    """Draw one person in front of a gray wall; also return the person's box."""
     shirt, trousers, skin = (np.array(c, float) for c in clothes)
     image = np.full((height + 40, height, 3), 150.0) + rng.normal(0, 12, (height + 40, height, 1))
     x, y, h = height / 2 + shift[0] * height, 20 + shift[1] * height, height
@@ -66,7 +66,7 @@ def test_people_differ_more_than_one_persons_pictures(changes):
 
 @given(st.floats(0.3, 1.0))
 def test_exposure_hardly_matters(gain):
-    """A picture and the same with less light, without clipping or noise."""
+    """Return a picture, and the same picture with less light, without clipping or noise."""
     image, box = portrait(CLOTHES[3], np.random.default_rng(1))
     image = np.minimum(image, 240)
     darker = np.round(image * gain).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Names of cameras: short, distinct, and fit to name files."""
+"""Names of cameras: short, distinct, and valid as file names."""
 
 import unicodedata
 
@@ -94,7 +94,7 @@ def test_cameras_are_found_however_unicode_is_spelled(order, forms):
 
 def test_names_that_do_not_tell_find_nothing():
     assert positions_of(["a", "c"], ["a", "b"]) is None
-    assert positions_of(["a", "a.txt"], ["a", "b"]) is None  # two of one name
+    assert positions_of(["a", "a.txt"], ["a", "b"]) is None  # two have the same name
     assert positions_of(["x/a"], ["p/a", "q/a"]) is None  # either could be meant
     assert positions_of([], ["a"]) == []
     assert positions_of(["a"], ["b/a.png", "c.png"]) == [0]

@@ -1,4 +1,4 @@
-"""Writing text: never half of it, readable by whom any new file is, and one sentence on failure."""
+"""Writing text: complete or not at all, with usual permissions, and one sentence on failure."""
 
 import os
 

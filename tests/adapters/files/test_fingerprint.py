@@ -1,4 +1,4 @@
-"""Hashes of large sources see a change of any part that they sample."""
+"""Hashes of large sources change with any part that they sample."""
 
 from hypothesis import given, strategies as st
 

@@ -1,4 +1,4 @@
-"""`read_toml`: what is too long, too deep or no TOML is named."""
+"""`read_toml` rejects documents that are too long, too deep or not TOML, and says which."""
 
 import json
 

@@ -11,7 +11,7 @@ QUATERNION = [0.1, -0.3, 0.2, 0.9]
 
 
 def answers(width, height, *, pose=(1, 2, 3, *QUATERNION, 0.8, 1.1), confidence=None):
-    """What the fake network says of each view; its points hold their own column and row."""
+    """Answer of the fake network for each view; points contain their column and row."""
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
     return {
         "pose_enc": np.array(pose, np.float32),
@@ -42,7 +42,7 @@ def project(K, R, t, point):
 @pytest.mark.parametrize("mode", ["crop", "pad"])
 @pytest.mark.parametrize("size", [(1920, 1080), (641, 359), (333, 500), (97, 1201), (50, 33)])
 def test_a_point_projects_to_the_same_spot_of_the_picture(make, mode, size):
-    """What the network calls a pixel of its input is that spot of the original picture."""
+    """Pixels of the network's input map to the same spots of the original picture."""
     reconstructor = make(mode=mode)
     assert isinstance(reconstructor, Reconstructor)
     result = reconstructor([blank(*size), blank(640, 480)])
@@ -55,14 +55,14 @@ def test_a_point_projects_to_the_same_spot_of_the_picture(make, mode, size):
             placement.to_original(project(K_input[0], R[0], t[0], point)),
             atol=1e-3 * max(size),
         )
-    # The principal point is the middle of the picture to half an input pixel of padding.
+    # The principal point is the middle of the picture to within half an input pixel of padding.
     np.testing.assert_allclose(
         result.K[0][:2, 2], np.array(size) / 2, atol=0.5 * max(size) / 112 + 1e-9
     )
 
 
 def test_intrinsics_by_hand(make):
-    """640 x 480 fills 168 columns with 126 rows, of which 7 are cut above and below."""
+    """640 x 480 fills 168 columns with 126 rows, of which 7 are cut at top and bottom."""
     result = make(pose=(0, 0, 0, 0, 0, 0, 1, 0.8, 1.1))([blank(640, 480)])
     fx, fy = 84 / np.tan(0.55) * 640 / 168, 56 / np.tan(0.4) * 480 / 126
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""A network's map of rays as cameras: the points that VGGT sees at its pixels, and nothing else."""
+"""A network's map of rays as cameras: pixels give the points of VGGT, and nothing else."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ WIDTH, HEIGHT = 168, 112
 
 
 class RayMap:
-    """Rays between those of a network's pixels; a `RaySource`."""
+    """A `RaySource` that interpolates the rays of a network's pixels."""
 
     def __init__(self, networks, sizes):
         self._maps = []
@@ -40,7 +40,7 @@ class RayMap:
 
 
 def network_of(K, size, constant_graph, name):
-    """A tiny graph that answers as VGGT would for a camera with these intrinsics."""
+    """Write a tiny graph that answers like VGGT for a camera with these intrinsics."""
     reference = {"pose_enc": np.array([0, 0, 0, 0, 0, 0, 1, 0.8, 1.1], np.float32)}
     blank = np.ones((HEIGHT, WIDTH))
     reference |= {"world_points": np.tile(blank[..., None], 3), "world_points_conf": blank}

@@ -1,4 +1,4 @@
-"""Tables of detections give back what was written, whole or in a range of frames."""
+"""Tables of detections are read back as written, whole or in a range of frames."""
 
 import contextlib
 
@@ -89,7 +89,7 @@ def test_lists_of_one_length_are_vectors(tmp_path):
     ordered = written[np.lexsort((written.camera, written.frame))]
     path = write_detections_parquet(tmp_path / "b.parquet", written)
     table = pyarrow.parquet.read_table(path)
-    for name in ("embedding", "keypoints"):  # as pandas writes them
+    for name in ("embedding", "keypoints"):  # in pandas' form
         at = table.schema.get_field_index(name)
         table = table.set_column(at, name, pyarrow.array(table[name].to_pylist()))
     pyarrow.parquet.write_table(table, path)

@@ -28,7 +28,7 @@ POSITIVE = st.floats(1e-3, 1e4)
 
 @st.composite
 def track_arguments(draw) -> dict:
-    """Arguments of `Tracks` with any numbers."""
+    """Draw arguments of `Tracks` with any numbers."""
     row = st.tuples(
         st.integers(-50, 5000),
         st.integers(-1, 300),
@@ -164,7 +164,7 @@ def test_pandas_reads_parquet_without_us(tmp_path):
     assert frame["cameras"].tolist() == [7, 3, 6]
     assert frame["origin"].tolist() == ["detected", "detected", "extended"]
     assert frame["existence"].isna().all()
-    # From a table of another program, with the metadata of the file, tracks come back.
+    # Tracks are also read from another program's table with the metadata of the file.
     about = pyarrow.parquet.read_schema(path).metadata
     later = pyarrow.Table.from_pandas(frame[frame["frame"] > 0], preserve_index=False)
     again = Tracks.from_arrow(later.replace_schema_metadata(about))

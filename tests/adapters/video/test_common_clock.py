@@ -12,7 +12,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 
 @st.composite
 def timelines(draw, most=40):
-    """Increasing times: even, jittered, of varying rate, with dropped frames, starting late."""
+    """Draw increasing times: even, jittered, of varying rate, with dropped frames, with a delay."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     count = draw(st.integers(2, most))
     step = np.full(count, draw(st.sampled_from([0.04, 0.1, 1 / 30])))
@@ -52,9 +52,9 @@ def test_ticks_are_distinct_near_and_not_wasted(times, slower, early):
     kept = tick >= 0
     assert (np.diff(tick[kept]) > 0).all()  # in order, and no tick twice
     assert (np.abs(place - tick)[kept] <= REACH + 1e-9).all()
-    # A tick that a frame is nearest to is never left empty.
+    # A tick with a nearest frame is never left empty.
     assert set(np.floor(place + 0.5).astype(int)) <= set(tick[kept])
-    # Whoever is left out is not the nearest frame of its tick.
+    # An omitted frame is not the nearest frame of its tick.
     for frame in np.flatnonzero(~kept):
         rival = tick == np.floor(place[frame] + 0.5)
         assert np.abs(place[rival] - tick[rival]).min() <= np.abs(place[frame] - tick[rival]).min()
@@ -73,7 +73,7 @@ def test_an_even_clock_keeps_its_frame_numbers(count, start, rate):
 
 
 @given(st.integers(1, 40), st.floats(0.05, 0.95), st.integers(0, 2**32))
-@example(5, 0.5, 1)  # the frame in the way must move, too
+@example(5, 0.5, 1)  # the blocking frame must move, too
 def test_jitter_costs_no_frame_wherever_frames_lie_between_ticks(count, phase, seed):
     jitter = np.random.default_rng(seed).uniform(-0.04, 0.04, count)
     times = (np.arange(count) + phase + jitter) / 25

@@ -13,7 +13,7 @@ from catfree.errors import FileFormatError, InsufficientDataError, InvalidInputE
 
 
 def coded(number, width=64, height=48):
-    """A picture that tells its number after lossy coding: eight bright or dark columns."""
+    """Draw a number that survives lossy coding, as eight bright or dark columns."""
     image = np.random.default_rng(number).integers(-20, 20, (height, width, 3))
     for bit in range(8):
         image[:, bit * width // 8 : (bit + 1) * width // 8] += 220 if number >> bit & 1 else 30
@@ -155,7 +155,7 @@ def test_stride_start_and_end(tmp_path):
     st.lists(st.integers(-4, 4), min_size=3, max_size=3),
 )
 def test_every_delivered_tick_exists_in_every_camera_and_no_other(cameras, offsets):
-    """The clock's range, against a search through all ticks."""
+    """Check the clock's range against a search through all ticks."""
     videos = object.__new__(SynchronizedVideos)
     videos._sources = [FakeSource(count, fps) for count, fps in cameras]
     videos._offsets, videos.camera_names = offsets, [str(i) for i in range(3)]
@@ -232,7 +232,7 @@ def test_videos_that_differ_in_suffix_only(tmp_path):
         SynchronizedVideos([paths[0], paths[0]])
 
 
-# What can be wrong.
+# Invalid input.
 
 
 def test_a_path_that_is_no_text_is_refused_when_opened(tmp_path):

@@ -11,7 +11,7 @@ COUNT = FARTHEST_DECODED + 700
 
 @pytest.fixture(scope="module")
 def long_video(tmp_path_factory):
-    """A video whose pictures tell their number in twelve columns, with a key frame every 12."""
+    """Write a video whose pictures show their number in twelve columns; key frames every 12."""
     path = tmp_path_factory.mktemp("long") / "a.mp4"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (96, 16))
     assert writer.isOpened()
@@ -42,7 +42,7 @@ def test_a_name_is_not_taken_for_an_address(long_video, name, tmp_path, monkeypa
 def test_a_far_frame_is_reached_without_decoding_all_before_it(long_video, has_table, monkeypatch):
     table = long_video.with_suffix(".timestamps.csv")
     table.unlink(missing_ok=True)
-    if has_table:  # of another clock than that of the file
+    if has_table:  # on another clock than the file's
         times = 1e9 + 0.2 * np.arange(COUNT)
         rows = (f"{frame},{time:.3f}\n" for frame, time in enumerate(times))
         table.write_text("frame_id,timestamp_s\n" + "".join(rows))

@@ -1,4 +1,4 @@
-"""`SynchronizedVideos` of cameras whose frames have times: laws on made-up sources, real files."""
+"""`SynchronizedVideos` of cameras whose frames have times: laws on fake sources, and real files."""
 
 import math
 import pickle
@@ -31,7 +31,7 @@ NOON = 1.7e9
 
 
 class FakeSource(ImageFolder):
-    """Frames that nobody decodes."""
+    """Frames that are never decoded."""
 
     image_size, timeless = (4, 3), False
 
@@ -49,7 +49,7 @@ class FakeSource(ImageFolder):
 
 
 class Blind:
-    """A detector that sees nobody."""
+    """A detector that finds no people."""
 
     fingerprint = "blind"
 
@@ -126,7 +126,7 @@ def test_a_tick_shows_the_frames_nearest_in_time_or_is_not_delivered(times, stri
     away = [np.abs(own[None, :] - seconds[:, None]) for own in times]
     near = np.stack([one.min(1) * rate for one in away], axis=-1)
     if (np.abs(near - REACH) < 1e-6).any():
-        return  # a matter of rounding
+        return  # depends on rounding
     complete = (near <= REACH).all(1)
     inside = [
         (seconds >= own[0] - REACH / rate) & (seconds <= own[-1] + REACH / rate) for own in times
@@ -155,7 +155,7 @@ def test_a_tick_shows_the_frames_nearest_in_time_or_is_not_delivered(times, stri
 def test_instants_of_enough_cameras_are_delivered_and_what_they_lack_is_listed(
     footage, fewest, stride
 ):
-    """Against all ticks; a number stands for so many even frames, 10 per second."""
+    """Compare with all ticks; a number stands for that many even frames at 10 per second."""
     fewest = min(fewest, len(footage))
     times = [np.arange(one) / 10 if isinstance(one, int) else one - one[0] for one in footage]
     rates = [10.0 if isinstance(one, int) else rate_of(one) for one in footage]
@@ -167,10 +167,10 @@ def test_instants_of_enough_cameras_are_delivered_and_what_they_lack_is_listed(
     tick = np.arange(int(max(own[-1] for own in times) * rate) + 3)
     reach = [0.5 * rate / 10 if isinstance(one, int) else REACH for one in footage]
     if any(isinstance(one, int) for one in footage) and abs(rate / 10 - 1) > 1e-9:
-        return  # even frames are counted, which differs at their ends
+        return  # even frames are counted, so their ends differ
     near = np.stack([np.abs(own - tick[:, None] / rate).min(1) * rate for own in times], -1)
     if (np.abs(near - reach) < 1e-6).any():
-        return  # a matter of rounding
+        return  # depends on rounding
     has = near <= reach
     begin = np.sort(has.argmax(0))[fewest - 1]
     expected = np.array([t for t in tick[begin::stride] if has[t].sum() >= fewest], int)
@@ -190,7 +190,7 @@ def test_instants_of_enough_cameras_are_delivered_and_what_they_lack_is_listed(
 
 @given(st.integers(5, 60), st.integers(5, 60), st.floats(-0.2, 0.2))
 def test_even_times_and_no_times_are_the_same(one, two, jitter):
-    """Two ways to say that a camera is even, wherever the nearest frame is clear."""
+    """Two ways to describe an even camera agree wherever the nearest frame is unique."""
     rng = np.random.default_rng(one)
     times = (np.arange(one) + jitter * rng.uniform(-1, 1, one)) / 30
     times[0] = 0.0
@@ -263,7 +263,7 @@ def test_frames_that_a_file_dropped_are_missed_by_time_not_by_count(tmp_path):
     table = footage_table(videos)
     assert table.header[-1] == "dropped frames"
     assert [row[-1] for row in table.rows] == ["3", "0"]
-    # Positions among the instants count those that are delivered.
+    # Positions count the delivered instants.
     assert next(videos.instants_from(8))[0] == 10
     assert videos.fingerprint != SynchronizedVideos(paths, end=22).fingerprint
 
@@ -339,7 +339,7 @@ def test_tables_of_absolute_times_put_late_files_in_their_place(tmp_path):
     assert unknown_times(videos) == dropped_instants(videos) == ()
 
     assert detect_videos(videos, Blind()).clock == videos.clock
-    # The same recording starting elsewhere is another input.
+    # The same recording with another start is another input.
     before = videos.fingerprint
     write_table(paths[0] / "timestamps.csv", NOON + 1 + np.arange(10) / 5)
     assert SynchronizedVideos(paths).fingerprint != before

@@ -1,4 +1,4 @@
-"""Published weights: what is fetched, checked, kept and refused, with a server on this machine."""
+"""Published weights: fetching, checking, keeping and refusing, with a server on this machine."""
 
 import dataclasses
 import gc
@@ -66,7 +66,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def published(server, folder, monkeypatch, constant_graph):
-    """Two networks on the server, under the names of a table."""
+    """Put two networks on the server, under the names of a table."""
     head = np.zeros((84, 85))  # a YOLOX head of 64 x 64 pixels that sees one person
     head[0, :6] = [2, 4, np.log(2), np.log(4), 1, 1]
     graphs = {
@@ -161,7 +161,7 @@ def test_failures_say_what_to_fetch_by_hand(failure, published, server, folder, 
     elif failure == "missing":
         server.files.clear()
     else:
-        url = "http://127.0.0.1:9/eyes.onnx"  # the port of a service that nobody runs
+        url = "http://127.0.0.1:9/eyes.onnx"  # a port without a service
         replace_table(monkeypatch, {"eyes": dataclasses.replace(published["eyes"], url=url)})
     with pytest.raises(DownloadError) as failed:
         fetch_weights("eyes")

@@ -33,7 +33,7 @@ CROWD = 0.06  # meters
 
 
 def true_cameras():
-    """(C, 7) cameras around a place, 4 m high."""
+    """Return (C, 7) cameras around a place, 4 m high."""
     angle = np.arange(CAMERAS) * np.pi / 2 + 0.3
     place = np.stack([9 * np.cos(angle), 9 * np.sin(angle), np.linspace(3.5, 4.5, CAMERAS)], -1)
     fixed = np.full((CAMERAS, 3), [7.0, 0.4, 0.02])
@@ -53,7 +53,7 @@ def rig_of(parameters, covariance, crowd=CROWD):
 
 
 def drawn(seed, scale=None, size=1.0):
-    """A rig from people: the truth moved within its covariance, in units of its crowd."""
+    """Draw a rig from people: the truth moved within its covariance, in units of the crowd."""
     rng = np.random.default_rng(seed)
     sd = size * np.tile([0.01, 0.004, 0.004, 0.004, 0.05, 0.05, 0.05], CAMERAS)
     half = sd[:, None] * rng.normal(size=(len(sd), len(sd))) / np.sqrt(len(sd))
@@ -114,7 +114,7 @@ def test_one_more_consistent_anchor_never_makes_the_rig_less_sure(seed):
     calibration, rng = drawn(seed)
     first = [distance(0, rng), cf.KnownCamera(1, height=float(true_cameras()[1, Z]))]
     before = anchored(calibration, first)
-    # What the rig says by itself agrees with everything.
+    # The rig's own measurements agree with everything.
     camera = before.scene.rig
     shown = cf.KnownCamera(2, height=float(camera.centers[2, 2]), height_sd=0.01)
     after = anchored(calibration, [*first, shown])
@@ -198,7 +198,7 @@ def test_an_anchor_that_contradicts_the_others_is_named_and_not_used(seed):
 @settings(max_examples=8)
 @given(st.integers(0, 10**6), st.sampled_from([0.7, 0.8, 1.25]))
 def test_a_crowd_of_another_height_gives_way_to_an_anchor(seed, size):
-    # The rig is in units of its crowd: as if these people were 1.70 m tall.
+    # The rig is in units of the crowd: as if these people were 1.70 m tall.
     calibration, rng = drawn(seed, scale=size)
     assert abs(scale_error(calibration)) > 0.15
     found = anchored(calibration, [distance(0, rng)])
@@ -279,7 +279,7 @@ def test_the_fit_is_that_of_the_dense_problem(seed):
     root = np.linalg.inv(np.linalg.cholesky(prior.reshape(7 * CAMERAS, -1)))
 
     def placed(unknown):
-        """Cameras in the frame of the map."""
+        """Return cameras in the frame of the map."""
         cameras = start + unknown[:-4].reshape(CAMERAS, 7)
         turned = Rotation.from_euler("z", unknown[-3]).as_matrix()
         centers = np.exp(unknown[-4]) * cameras[:, X:] @ turned.T
@@ -293,7 +293,7 @@ def test_the_fit_is_that_of_the_dense_problem(seed):
         return (centers[camera] - centers[camera, 2] / ray[2] * ray)[:2]
 
     def noise(at, measure, pixels, sd):
-        """Covariance of a measurement with that of its pixels."""
+        """Return the covariance of a measurement, including that of its pixels."""
         flat = np.asarray(pixels, np.float64).ravel()
         slopes = np.stack([
             (measure(at, flat + d) - measure(at, flat - d)) / 2e-4 for d in 1e-4 * np.eye(len(flat))
@@ -386,7 +386,7 @@ def test_anchors_that_cannot_be_are_refused():
     calibration, rng = drawn(5)
     rig = calibration.scene.rig
     K = np.array(rig.K)
-    K[0, 1, 2] += 400.0  # which moves the horizon into the image
+    K[0, 1, 2] += 400.0  # moves the horizon into the image
     scene = dataclasses.replace(calibration.scene, rig=dataclasses.replace(rig, K=K))
     sky = cf.KnownDistance(0, ((600.0, 2.0), (700.0, 2.0)), 3.0)
     with pytest.raises(InvalidInputError, match="horizon"):

@@ -1,4 +1,4 @@
-"""Boxes on a grid of cameras, frames and slots: every whole one once, and nothing else."""
+"""Boxes on a grid of cameras, frames and slots: every uncut box once, and nothing else."""
 
 import dataclasses
 
@@ -21,7 +21,7 @@ seeds = st.integers(0, 10**6)
 
 
 def drawn(seed, count=60, frames=7):
-    """Boxes all over three pictures, and some beyond their borders; frames in steps of five."""
+    """Draw boxes all over three pictures, some beyond the borders, with frames in steps of five."""
     rng = np.random.default_rng(seed)
     camera = rng.integers(0, 3, count)
     width, height = SIZE[camera].T
@@ -33,7 +33,7 @@ def drawn(seed, count=60, frames=7):
 
 
 def whole(detections):
-    """Which boxes keep off the border of their picture."""
+    """Mark boxes that do not touch the border of their picture."""
     width, height = SIZE[detections.camera].T
     margin = RULES.border * width
     left, top, right, bottom = np.asarray(detections.box).T

@@ -1,4 +1,4 @@
-"""Missing and misplaced cameras against a rig that is right."""
+"""Search of missing and misplaced cameras in a correct rig."""
 
 from dataclasses import replace
 

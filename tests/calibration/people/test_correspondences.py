@@ -1,4 +1,4 @@
-"""Bundle adjustment of given groups: exact boxes keep the rig, silent edges say nothing."""
+"""Bundle adjustment of given groups: exact boxes keep the rig, and missing edges have no effect."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ PEOPLE = 80
 
 
 def cameras() -> np.ndarray:
-    """(4, 7) log focal, tilt, roll, heading and place of cameras that look into a square."""
+    """Return (4, 7) log focal, tilt, roll, heading and position of cameras around a square."""
     angle = np.arange(4) * np.pi / 2
     place = np.stack([9 * np.cos(angle), 9 * np.sin(angle), np.full(4, 4.0)], -1)
     focal, tilt, roll = np.full(4, np.log(1100.0)), np.full(4, 0.4), np.zeros(4)
@@ -33,7 +33,7 @@ def cameras() -> np.ndarray:
 
 
 def measured(rng: np.random.Generator) -> tuple[BoxMeasurements, np.ndarray]:
-    """Exact boxes of people of the usual height whom every camera sees, and the cameras."""
+    """Make exact boxes of people of usual height whom all cameras see; also return the cameras."""
     parameters = cameras()
     person, camera = np.repeat(np.arange(PEOPLE), 4), np.tile(np.arange(4), PEOPLE)
     xy = rng.uniform(-3, 3, (PEOPLE, 2))

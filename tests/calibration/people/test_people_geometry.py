@@ -1,4 +1,4 @@
-"""Boxes of standing people: projection, its derivatives, and the way back to the ground."""
+"""Boxes of standing people: projection, its derivatives, and its inverse on the ground."""
 
 import numpy as np
 import pytest
@@ -49,12 +49,12 @@ cameras = st.tuples(
 
 
 def one_box(camera, xy, height, offset):
-    """The box (3,) of one person, who must be in front of the camera."""
+    """Return the box (3,) of a person in front of the camera."""
     return boxes_of_rows(camera, xy[None], np.array([height]), float(offset))[0]
 
 
 def in_front(camera, distance, side):
-    """A ground point so far in front of a camera and to its side."""
+    """Return the ground point at these distances in front of a camera and to its side."""
     return camera[4:6] + turn(np.array([side, distance]), camera[3])
 
 
@@ -98,7 +98,7 @@ def test_hidden_feet_do_not_move_a_person():
 
 
 def walkers(seed, frames=36, people=10):
-    """People who walk across a square of 12 m, each frame's covariance a decimetre."""
+    """Simulate people who cross a square of 12 m, each frame with a deviation of a decimeter."""
     rng = np.random.default_rng(seed)
     start, end = rng.uniform(-6, 6, (2, people, 2))
     share = (np.arange(frames)[:, None] / frames * rng.uniform(1, 3, people)) % 1
@@ -148,7 +148,7 @@ def test_people_who_stand_still_do_not_outvote_those_who_walk(angle, x, y, seed)
     here = np.arange(len(people.xy)) < len(people.xy) // 2
 
     def with_waiting(xy, place):
-        """People, and others who wait half of the time outside the other camera's view."""
+        """Simulate people, and others who spend half the time outside the other camera's view."""
         wait = np.broadcast_to(place, (len(xy), waiting, 2))
         covariance = np.repeat(people.covariance[:, :1], xy.shape[1] + waiting, axis=1)
         valid = np.hstack([people.valid, np.repeat(here[:, None], waiting, axis=1)])
@@ -193,7 +193,7 @@ RIG = np.array(
 
 
 def exact_boxes(seed, count=60):
-    """People and their exact boxes in three cameras."""
+    """Make people and their exact boxes in three cameras."""
     rng = np.random.default_rng(seed)
     xy, height = rng.uniform(-3, 3, (count, 2)), rng.normal(1.7, 0.05, count)
     person, camera = (a.ravel() for a in np.indices((count, 3)))
@@ -224,7 +224,7 @@ def test_bundle_adjustment_recovers_a_disturbed_rig():
 
 
 def seen_by(camera, xy, height, data, count):
-    """The first people of `exact_boxes` in a camera."""
+    """Return the first people of `exact_boxes` in a camera."""
     box = data.box[data.camera == camera][:count]
     people = np.column_stack([xy, height])[:count]
     covariance = np.broadcast_to(1e-6 * np.eye(3), (len(people), 3, 3))

@@ -1,4 +1,4 @@
-"""Boxes without the distortion of their lenses."""
+"""Boxes with lens distortion removed."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ FOCAL = np.array([900.0, 1200.0])
 
 
 def ideal(point, focal, k1):
-    """The point before distortion, from the real roots of r + k1 r^3."""
+    """Undistort a point with the real roots of r + k1 r^3."""
     radius = np.linalg.norm(point) / focal
     roots = np.roots([k1, 0, 1, -radius]) if k1 else np.array([radius])
     real = roots.real[np.abs(roots.imag) < 1e-9]

@@ -31,7 +31,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def recovered(world):
-    """The world's calibration and the stages it reported."""
+    """Calibrate the world; also return the reported stages."""
     stages = []
     found = register(
         world.detections, SIZE, progress=lambda stage, done, total: stages.append(stage)
@@ -40,7 +40,7 @@ def recovered(world):
 
 
 def center_errors(calibration, centers):
-    """Centre errors of the registered cameras after a similarity, stated ones, and the scale."""
+    """Return center errors after a similarity, stated ones, and the scale."""
     known = calibration.scene.rig.registered
     found = np.asarray(calibration.scene.rig.centers)[known]
     similarity = fit_similarity(found, centers[known])
@@ -50,7 +50,7 @@ def center_errors(calibration, centers):
 
 
 def replaced(detections, camera, box=None, frame=None):
-    """Detections with other boxes or frames in one camera."""
+    """Replace boxes or frames of one camera."""
     mine = detections.camera == camera
     boxes, frames = detections.box.copy(), detections.frame.copy()
     if box is not None:
@@ -61,7 +61,7 @@ def replaced(detections, camera, box=None, frame=None):
 
 
 def assert_without(detections, camera, centers):
-    """That camera alone is flagged, and the others stand as they do without its boxes."""
+    """Only that camera is flagged, and the others are placed as without its boxes."""
     found = register(detections, SIZE)
     without = register(detections[detections.camera != camera], np.tile(SIZE, (4, 1)))
     assert found.scene.rig.registered.tolist() == [c != camera for c in range(4)]
@@ -69,7 +69,7 @@ def assert_without(detections, camera, centers):
     assert np.isnan(found.log_likelihood_ratio[camera])
     one, other = (np.asarray(c.scene.rig.K) for c in (found, without))
     np.testing.assert_allclose(one, other, rtol=0.01)
-    # The frames may differ: another camera's heading may be the one that is fixed.
+    # The frames may differ: another camera's heading may be fixed.
     one, other = (np.asarray(c.scene.rig.centers) for c in (found, without))
     apart = [np.linalg.norm(at[:, None] - at, axis=-1) for at in (one, other)]
     np.testing.assert_allclose(*apart, atol=0.05)
@@ -84,7 +84,7 @@ def test_a_small_world_is_recovered_in_metres(world, recovered):
     assert found.scene.rig.registered.all()
     assert (errors < 3 * stated).all()
     assert errors.mean() < 0.3
-    # The crowd of this world is not as tall as assumed; that, and no more, is in the scale.
+    # The crowd of this world is not as tall as assumed, which alone explains the scale.
     tall = world.walkers.height.mean()
     assert abs(scale * tall / RULES.person_height - 1) < min(abs(scale - 1), 0.05)
     assert abs(scale - 1) < 2 * found.scale_sd < 0.2
@@ -109,7 +109,7 @@ def test_the_order_of_boxes_does_not_matter(world, recovered):
 
 
 def true_members(world):
-    """(P, C) rows of the boxes of each person in each frame."""
+    """Return (P, C) rows of the boxes of each person in each frame."""
     real = np.flatnonzero(world.identities >= 0)
     keys, group = np.unique(
         np.stack([world.detections.frame[real], world.identities[real]], -1),
@@ -134,7 +134,7 @@ def test_true_correspondences_do_not_harm_a_rig(world, recovered):
 
 
 def enlarged(world, found, zoomed):
-    """Boxes, start and focal lengths as if one lens served all, but for camera 0's enlargement."""
+    """Make boxes, start and focal lengths as if all had one lens, with camera 0 enlarged."""
     focal = np.asarray(world.true_rig.K)[:, 0, 0]
     zoom = focal.mean() / focal * np.array([zoomed, 1.0, 1.0, 1.0])
     middle = np.tile((np.array(SIZE) - 1) / 2, 2)
@@ -248,7 +248,7 @@ def test_ten_frames_are_too_few(world):
 
 def test_boxes_that_never_move_prove_nothing(world):
     box = np.tile([900.0, 400.0, 1000.0, 650.0], (len(world.detections), 1))
-    box += world.detections.camera[:, None]  # the same boxes twice are refused
+    box += world.detections.camera[:, None]  # identical boxes in two cameras are refused
     with pytest.raises(CalibrationError, match="No two cameras see the same people: of 6 pairs"):
         register(Detections(world.detections.frame, world.detections.camera, box), SIZE)
 
@@ -264,7 +264,7 @@ def test_one_person_makes_no_rig_to_be_trusted():
         detector=DetectorModel(pixel_noise=3.0, embedding_size=0, false_positives=0.0),
     )
     found = register(world.detections, SIZE)
-    # A single path can be seen through many lenses: the stated deviations tell.
+    # A single path fits many lenses, which the stated deviations show.
     registered = np.flatnonzero(found.scene.rig.registered)
     focal, true_focal = (np.asarray(rig.K)[:, 0, 0] for rig in (found.scene.rig, world.true_rig))
     deviation = found.focal_sd / focal

@@ -1,4 +1,4 @@
-"""A camera that fits far worse than the others is found, whatever the scale of the residuals."""
+"""A camera that fits far worse than the others is found, at any scale of the residuals."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Averaging cameras of several instants: exactness, invariance, resistance to garbage."""
+"""Averaging cameras of several instants: exactness, invariance, robustness to garbage."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ seeds = st.integers(0, 2**31 - 1)
 
 
 def garbage(rig: Rig, rng: np.random.Generator) -> Reconstruction:
-    """Cameras anywhere, looking anywhere."""
+    """Draw cameras with any pose."""
     cameras = rig.camera_count
     K = np.array(rig.K)
     K[:, [0, 1], [0, 1]] *= np.exp(rng.normal(0, 0.5, cameras))[:, None]
@@ -34,7 +34,7 @@ def garbage(rig: Rig, rng: np.random.Generator) -> Reconstruction:
 
 
 def errors(found: Rig, true: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angles in radians, centre errors in the true rig's units and relative focal errors."""
+    """Return angles in radians, center errors in the true rig's units and relative focal errors."""
     centers = np.asarray(found.centers, np.float64)
     similarity = fit_similarity(centers, np.asarray(true.centers))
     moved = np.asarray(similarity(centers))
@@ -75,7 +75,7 @@ def test_three_garbage_instants_in_ten_hardly_matter(seed, bad, x64):
     assert found.inliers.sum() >= 6
     good = [instant for i, instant in enumerate(instants) if not 1 <= i < 1 + bad]
     alone = [errors(Rig(one.K, one.R, one.t, rig.image_size), rig) for one in good]
-    # The mean of seven would be off by 0.38 of one; a median of normal errors by 0.48.
+    # The mean of seven would be off by 0.38 of one, and the median of normal errors by 0.48.
     for together, single in zip(errors(found.rig, rig), zip(*alone, strict=True), strict=True):
         assert together.mean() < 0.7 * np.mean(single)
 

@@ -1,4 +1,4 @@
-"""Gauges: alignment is exact, medians ignore what is absent or garbage."""
+"""Gauges: alignment is exact, and medians ignore absent values and garbage."""
 
 import numpy as np
 from hypothesis import given, settings, strategies as st
@@ -32,7 +32,7 @@ def inverse(gauges: Gauges) -> Gauges:
 
 
 def ring(count: int) -> tuple[Poses, Poses]:
-    """The cameras of a layout, once and for each of several instants."""
+    """Return the cameras of a layout, once and for each of several instants."""
     rig = make_layout("ring5", 0).rig
     R, center = np.asarray(rig.R, np.float64), np.asarray(rig.centers, np.float64)
     one = Poses(R, center, np.ones(5, bool))

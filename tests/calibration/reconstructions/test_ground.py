@@ -19,21 +19,21 @@ NO_ERROR = RigError(0.0, 0.0, 0.0, 0.0, 0.0)
 
 @pytest.fixture(scope="module")
 def world() -> World:
-    """People in front of six cameras 4.5 to 5 m high."""
+    """Simulate people in front of six cameras 4.5 to 5 m high."""
     return make_world("ring6", 0, frames=6, rig_error=NO_ERROR)
 
 
 def patch(
     rng: np.random.Generator, count: int, corner: tuple, first: tuple, second: tuple
 ) -> np.ndarray:
-    """Points on a rectangle with 2 cm of noise."""
+    """Draw points on a rectangle with 2 cm of noise."""
     share = rng.uniform(0, 1, (count, 2))
     exact = np.array(corner, float) + share @ np.array([first, second], float)
     return exact + rng.normal(0, 0.02, (count, 3))
 
 
 def room(rng: np.random.Generator, *, floor: int, walls: int, ceiling: int = 0) -> np.ndarray:
-    """A floor of 20 x 20 m, two walls 8 m high, a ceiling, and things that stand about."""
+    """Make a floor of 20 x 20 m, two walls 8 m high, a ceiling, and objects."""
     parts = [
         patch(rng, floor, (-10, -10, 0), (20, 0, 0), (0, 20, 0)),
         patch(rng, walls, (-12, -12, 0), (24, 0, 0), (0, 0, 8)),
@@ -79,12 +79,12 @@ def test_evidence_says_what_was_seen(world):
     assert floor.cameras_above == 1
     assert floor.feet_ahead > 0.95
     assert np.degrees(floor.tilt) < 5
-    assert 2.2 < floor.camera_height < 3.4  # 4.5 to 5 m in people of 1.7 m
+    assert 2.2 < floor.camera_height < 3.4  # 4.5 to 5 m in units of people of 1.7 m
     assert floor.feet_apart < 0.3
 
 
 def test_people_on_a_slope_stand_upright(world):
-    # The world is turned by 12 degrees, gravity is not: cameras and people lean on their ground.
+    # The world is turned by 12 degrees but gravity is not, so cameras and people lean.
     turn = Rotation.from_euler("x", 12, degrees=True).as_matrix()
     rng = np.random.default_rng(2)
     points = room(rng, floor=800, walls=0) @ turn.T
@@ -94,7 +94,7 @@ def test_people_on_a_slope_stand_upright(world):
 
 
 def test_a_table_is_not_the_ground(world):
-    # Larger than the floor's share of points, level, below the cameras: only feet tell.
+    # It has more points than the floor, is level, and is below the cameras: only feet decide.
     rng = np.random.default_rng(3)
     table = patch(rng, 1500, (-9, -9, 1.0), (18, 0, 0), (0, 18, 0))
     points = np.concatenate([table, room(rng, floor=600, walls=0)])

@@ -1,4 +1,4 @@
-"""What cameras and people say about one plane: the floor passes, each other kind has its fault."""
+"""Evidence of cameras and people for one plane: the floor passes, every other plane fails."""
 
 import re
 
@@ -17,7 +17,7 @@ from catfree.types import Plane
 
 @pytest.fixture(scope="module")
 def world() -> World:
-    """People in front of six cameras 4.5 to 5 m high."""
+    """Simulate people in front of six cameras 4.5 to 5 m high."""
     return make_world("ring6", 0, frames=6, rig_error=RigError(0.0, 0.0, 0.0, 0.0, 0.0))
 
 

@@ -1,4 +1,4 @@
-"""A scene from videos: which pictures are reconstructed, and what comes of them."""
+"""A scene from videos: which pictures are reconstructed, and the result."""
 
 import inspect
 
@@ -16,7 +16,7 @@ from tests.noisy_reconstruction import reconstruct
 
 
 class Noisy:
-    """Noisy reconstructions of a rig and some points, with the pictures that it was asked for."""
+    """Noisy reconstructions of a rig and some points, recording the requested pictures."""
 
     fingerprint = "none"
 

@@ -31,7 +31,7 @@ def turn_camera(detections, rig, camera, turn, since):
 
 
 def renumber(detections, camera, lag):
-    """Let a camera's frame numbers be too high by `lag(frame)` frames."""
+    """Increase a camera's frame numbers by `lag(frame)` frames."""
     frame = detections.frame.copy()
     mine = detections.camera == camera
     frame[mine] += np.rint(lag(frame[mine])).astype(int)
@@ -39,5 +39,5 @@ def renumber(detections, camera, lag):
 
 
 def on_clock(detections, frame_rate):
-    """The same boxes with a clock."""
+    """Put the boxes on a clock."""
     return replace(detections, clock=Clock(frame_rate))

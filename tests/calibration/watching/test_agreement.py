@@ -1,4 +1,4 @@
-"""Windows of simulated recordings, and errors that nobody tells of."""
+"""Windows of simulated recordings, and unknown errors."""
 
 from dataclasses import replace
 

@@ -13,7 +13,7 @@ CAMERAS, WINDOWS = 3, 20
 
 
 def windows(errors, seed=0, *, noise=1.0, groups=4):
-    """Windows of `groups` people each, which tell of errors (W, 8C) with a known noise."""
+    """Make windows of `groups` people each, which measure errors (W, 8C) with known noise."""
     rng = np.random.default_rng(seed)
     p = errors.shape[1]
     sd = np.tile([0.002, 0.002, 0.002, 0.2, 0.1, 0.1, 0.1, 0.02], p // 8)
@@ -75,7 +75,7 @@ def test_changes_of_one_camera_add_up():
 
 
 def test_a_clock_that_jumps_is_told_from_those_that_do_not():
-    """Also if it is the middle one after its jump, or the one to which lags are relative."""
+    """Also if it is the median camera after its jump, or the reference of the lags."""
     errors = np.zeros((WINDOWS, 8 * CAMERAS))
     errors[:, 3], errors[:9, 8 + 3], errors[:, 16 + 3] = -1.0, -8.0, 1.0
     course = fit_course(windows(errors, 3), 1e-5)
@@ -123,6 +123,6 @@ def test_a_camera_is_lost_when_nobody_is_matched_any_more():
     matched = np.array([35, 33, 36, 38, 36, 34, 0, 1, 0, 0])
     assert lost_since(matched, expected, seen, 0.9, 1e-6) == 6
     assert lost_since(matched[:6], expected[:6], seen[:6], 0.9, 1e-6) is None
-    # One window with one person is too little to tell.
+    # One window with one person is not enough.
     few = np.append(matched[:6], 0)
     assert lost_since(few, expected[:7], np.full(7, 1), 0.5, 1e-6) is None

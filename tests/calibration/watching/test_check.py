@@ -1,4 +1,4 @@
-"""Verdicts on simulated recordings in which something happened, at a known time."""
+"""Verdicts on simulated recordings with an event at a known time."""
 
 import numpy as np
 import pytest

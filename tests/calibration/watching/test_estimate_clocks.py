@@ -66,7 +66,7 @@ def test_whole_offsets_are_sure_and_large_enough():
     np.testing.assert_array_equal(clocks.whole_offsets(5, 0.75), [0, 5, -15, 0, 0])
     least = np.array([0.75, 1.5, 0.75, 0.75, 0.75])
     np.testing.assert_array_equal(clocks.whole_offsets(5, least), [0, 0, -15, 0, 0])
-    # A jump counts from its frame on.
+    # A jump takes effect at its frame.
     jumps = tuple(ClockJump(1, frame, 1.0, 20.0, 0.5) for frame in (99, 101))
     jumped = Clocks(offset, offset_sd, np.zeros(5), np.zeros(5), jumps, 100.0, 0)
     np.testing.assert_array_equal(jumped.whole_offsets(5, 0.75), [0, 25, -15, 0, 0])
@@ -92,5 +92,5 @@ def test_corrected_numbers_are_those_of_the_reference():
     assert np.allclose(lag[:2], [2.0, 4.0])
     second = right.frame[right.camera == 1]
     assert len(np.unique(second)) == len(second)
-    # One number is lost in a hundred, where a clock loses one frame in a hundred.
+    # Where a clock loses one frame in a hundred, one number in a hundred is lost.
     assert len(second) in (197, 198, 199)

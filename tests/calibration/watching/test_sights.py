@@ -1,4 +1,4 @@
-"""Boxes as angles: the same for the camera model of the library, and with right derivatives."""
+"""Boxes as angles: consistent with the library's camera model, with correct derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -71,7 +71,7 @@ def test_angles_are_those_of_the_pixels_of_a_person():
     seen = sights(scene, detections, localize(detections, scene), Settings())
     state = np.array([[*person, height]])
     expected = predicted(state, np.zeros((1, 2)), seen.place[1:2])
-    # The center of the box is a mean of pixels, that of the prediction a mean of angles.
+    # The center of the box is a mean of pixels, that of the prediction is a mean of angles.
     assert np.allclose(seen.boxes.angle, expected, atol=2e-4)
     assert seen.imaged(np.ones(len(state), int), state).all()
 

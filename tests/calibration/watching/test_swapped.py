@@ -1,4 +1,4 @@
-"""Videos or names of cameras that were given in the wrong order."""
+"""Videos or camera names in the wrong order."""
 
 from dataclasses import replace
 
@@ -29,11 +29,11 @@ def localization(world):
 @pytest.mark.slow
 @pytest.mark.parametrize("cycle", [(0, 4), (2, 5), (1, 3, 4)])
 def test_each_camera_gets_the_boxes_that_are_its_own(world, localization, cycle):
-    """The people are those of the right cameras; only the cameras of the boxes are wrong."""
+    """Keep the people of the correct cameras, and swap only the cameras of the boxes."""
     given = np.arange(CAMERAS)
     given[list(cycle)] = np.roll(cycle, 1)
     boxes = replace(world.detections, camera=given[world.detections.camera])
-    moved = np.argsort(given)  # the people rest on the boxes by their new cameras
+    moved = np.argsort(given)  # people refer to boxes by their new cameras
     tracks = localization.tracks
     tracks = replace(tracks, support=tracks.support[:, moved])
     recording = sights(world.true_scene, boxes, replace(localization, tracks=tracks), Settings())
@@ -45,7 +45,7 @@ def test_each_camera_gets_the_boxes_that_are_its_own(world, localization, cycle)
 
 @pytest.mark.slow
 def test_nothing_is_swapped_where_boxes_fit_nowhere(world, localization):
-    """Shuffled frames, one suspect, cameras that should show nobody, too few trusted cameras."""
+    """Shuffled frames, one suspect, cameras that should show no people, too few trusted cameras."""
     boxes = world.detections
     order = np.random.default_rng(0).permutation(FRAMES)
     elsewhere = np.isin(boxes.camera, [1, 2])

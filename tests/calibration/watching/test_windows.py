@@ -10,7 +10,7 @@ from catfree.calibration.watching._windows import _begins
 
 
 def evenly(low, high, steps):
-    """Windows of a part of a recording, with boxes or without."""
+    """Make windows of a part of a recording, with boxes or without."""
     count = max(1, (high - low) // steps)
     edges = [low + k * (high - low) // count for k in range(count + 1)]
     return [(a, b) for a, b in pairwise(edges) if b > a]

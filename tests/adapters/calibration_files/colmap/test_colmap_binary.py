@@ -29,7 +29,7 @@ LENSES |= {6: [0.1, -0.2, 0.003, 0.004, 0.5, 0.6, 0.7, 0.8]}
 
 
 def write_binary(folder: Path, models: list[int], observations: int = 2) -> None:
-    """One image a camera model, `view<k>.jpg`, at translation (k, 0, 5), and two points."""
+    """Write one image per camera model, `view<k>.jpg`, at translation (k, 0, 5), and two points."""
     cameras = struct.pack("<Q", len(models))
     images = struct.pack("<Q", len(models))
     for at, model in enumerate(models):

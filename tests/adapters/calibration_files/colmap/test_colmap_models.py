@@ -1,4 +1,4 @@
-"""COLMAP's camera models: half a pixel between the conventions, a lens for each name."""
+"""COLMAP's camera models: half a pixel between the conventions, and a lens for each name."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tracks in the forms of other programs, read back by those programs where they are installed."""
+"""Tracks in the forms of other programs, read back by those programs if installed."""
 
 import contextlib
 import dataclasses
@@ -30,7 +30,7 @@ from catfree.synthetic import make_layout
 
 
 def walking(people=3, frames=8, step=5, clock: Clock | None = None) -> Tracks:
-    """People who walk along x side by side; the last row belongs to no track."""
+    """Make people who walk along x side by side; the last row belongs to no track."""
     frame = np.repeat(np.arange(frames) * step, people)
     person = np.tile(np.arange(people), frames)
     xy = np.column_stack([0.25 * frame / step, 1.5 * person])
@@ -77,7 +77,7 @@ def test_pedpy_reads_positions_rate_and_unit(tmp_path):
     tracks = walking(clock=Clock(10))
     path = write_pedpy(tmp_path / "tracks.txt", tracks)
     loaded = pedpy.load_trajectory(trajectory_file=path)
-    assert loaded.frame_rate == 2  # ten frame numbers a second, of which every fifth is used
+    assert loaded.frame_rate == 2  # ten frame numbers per second, of which every fifth is used
     table = loaded.data.sort_values(["frame", "id"])
     expected = rows_of(tracks)
     np.testing.assert_array_equal(table.frame * 5, expected[:, 0])
@@ -219,7 +219,7 @@ def test_anchors_give_place_turn_and_scale(place, bearing, unit):
 
 
 def test_a_degree_has_its_length_on_earth():
-    # Of the ellipsoid of WGS 84 at 45 degrees: 111.132 km along the meridian, 78.847 km across.
+    # On the WGS 84 ellipsoid at 45 degrees: 111.132 km along the meridian, 78.847 km across.
     east = GeoReference.from_anchors([[0, 0], [788.47, 0]], [[10, 45], [10.01, 45]])
     north = GeoReference.from_anchors([[0, 0], [0, 1111.32]], [[10, 44.995], [10, 45.005]])
     np.testing.assert_allclose([east.meters_per_unit, north.meters_per_unit], 1, rtol=1e-5)

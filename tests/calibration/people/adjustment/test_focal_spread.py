@@ -1,4 +1,4 @@
-"""The spread of focal lengths, by the density of SciPy."""
+"""The spread of focal lengths, against the density of SciPy."""
 
 import numpy as np
 import pytest
@@ -41,14 +41,14 @@ def test_cameras_are_of_one_kind_unless_another_spread_is_surely_likelier(seed, 
     elif found < np.inf:
         misfit = apart @ np.linalg.solve(covariance(found), apart)
         assert misfit <= count - 3 + 1e-9
-        assert misfit > (count - 3) / 1.3  # of the next smaller spread it is too large
+        assert misfit > (count - 3) / 1.3  # too large for the next smaller spread
 
 
 def test_two_kinds_of_cameras_are_told_from_one_kind():
     errors = 0.01**2 * np.eye(6)
     assert learn_focal_spread(np.full(6, 7.0), errors, RULES) == ALIKE
     two = np.repeat([7.0, 7.3], 3)
-    # The sum of squares of six differences of 0.15, by C - 3.
+    # The sum of squares of six differences of 0.15, divided by C - 3.
     assert learn_focal_spread(two, errors, RULES) == pytest.approx(0.15 * 2**0.5, rel=0.1)
 
 

@@ -1,4 +1,4 @@
-"""Bundle adjustment of people: its minimum and covariance are those of the full, dense problem."""
+"""Bundle adjustment of people: minimum and covariance equal those of the full, dense problem."""
 
 import dataclasses
 
@@ -26,9 +26,9 @@ PRIOR = np.full(CAMERAS, 7.0)
 
 
 def drawn(seed, *, known, count=PEOPLE):
-    """Boxes of people around whom cameras stand, the true state, and a prior or None.
+    """Simulate boxes of people surrounded by cameras, the true state, and a prior or None.
 
-    The last camera sees nobody.
+    The last camera sees no people.
     """
     rng = np.random.default_rng(seed)
     angle = np.arange(CAMERAS) * np.pi / 2
@@ -57,7 +57,7 @@ def adjusted(data, state, known, *, spread=np.inf, iterations=200):
 
 
 def full_problem(data, state, known, spread):
-    """Weighted residuals of all boxes and priors as a function of a change of all unknowns."""
+    """Return the weighted residuals of all boxes and priors as a function of the unknowns."""
     cameras, start = state
     used = np.unique(data.camera)
     anchor = np.argmax(np.bincount(data.camera))
@@ -108,7 +108,7 @@ def test_minimum_and_covariance_are_those_of_the_full_problem(seed, spread, know
     inverse = np.zeros((J.shape[1],) * 2)
     inverse[np.ix_(free, free)] = np.linalg.inv(J[:, free].T @ J[:, free])
     deviation = np.sqrt(np.diag(inverse))
-    # The way to the minimum is short compared to the uncertainty.
+    # The distance to the minimum is small compared with the uncertainty.
     assert np.all(np.abs(inverse @ J.T @ r) <= 0.1 * deviation)
     by_offset = -inverse @ J.T @ J[:, size]
     by_offset[size] = 1

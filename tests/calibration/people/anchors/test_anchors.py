@@ -1,4 +1,4 @@
-"""What anchors state: invalid ones are refused in one sentence, and files hold all of them."""
+"""Anchors: invalid ones are refused in one sentence, and files can store all of them."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What anchors measure: values by OpenCV, derivatives by finite differences."""
+"""Measurements of anchors: values against OpenCV, derivatives against finite differences."""
 
 import cv2
 import jax
@@ -26,14 +26,14 @@ FRAME = np.array([0.2, 0.7, 12.0, -3.0])
 
 
 def drawn(seed):
-    """A camera above the ground that looks down, and two pixels below its horizon."""
+    """Draw a camera above the ground that looks down, and two pixels below its horizon."""
     rng = np.random.default_rng(seed)
     camera = np.concatenate([[7.0, 0.5], rng.uniform(-0.2, 0.2, 1), rng.uniform(-3, 3, 3), [4.0]])
     return camera, rng.uniform([-500, -100], [500, 350], (2, 2))
 
 
 def compared(rows, camera, frame):
-    """Derivatives, noise and differences of the numbers that are stated."""
+    """Return derivatives, noise and differences of the stated numbers."""
     with jax.enable_x64(True):
         found = linearize(stack(rows), jnp.asarray(camera[None]), jnp.asarray(frame))
     sizes = [len(m.value) for m in rows]

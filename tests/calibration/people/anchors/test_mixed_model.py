@@ -26,7 +26,7 @@ FREE = np.ones(4, bool)
 
 
 def drawn(seed):
-    """Cameras with a covariance, and what they measure in a map frame, with errors."""
+    """Draw cameras with a covariance, and measurements in a map frame, with errors."""
     rng = np.random.default_rng(seed)
     cameras = np.column_stack(
         [np.full(CAMERAS, 7.0), np.full(CAMERAS, 0.5), *rng.uniform(-0.2, 0.2, (2, CAMERAS)),

@@ -1,6 +1,6 @@
-"""A camera in seven numbers: which way they turn it, and what no picture can tell.
+"""A camera in seven numbers: the direction of each, and what no picture can tell.
 
-The way through matrices is in `test_people_geometry`.
+The conversion to matrices is in `test_people_geometry`.
 """
 
 import jax
@@ -27,7 +27,7 @@ seeds = st.integers(0, 10**6)
 
 
 def drawn(seed, count=8):
-    """Cameras (n, 7) and one person in front of each: xy (n, 2) and height (n,)."""
+    """Draw cameras (n, 7) and one person in front of each: xy (n, 2) and height (n,)."""
     rng = np.random.default_rng(seed)
     low = np.array([6.5, 0.05, -0.3, -3.1, -5, -5, 2])
     high = np.array([7.6, 0.7, 0.3, 3.1, 5, 5, 6])
@@ -55,7 +55,7 @@ def test_angles_turn_as_they_are_said_to():
     np.testing.assert_allclose(pixel(LEVEL, ahead), [0, 0], atol=1e-9)
     assert pixel(LEVEL, beside)[0] > 0
     assert pixel(LEVEL, above)[1] < 0
-    # Tilted down, what was ahead rises; turned left, it moves to the right.
+    # Tilted down, a point ahead rises; turned left, it moves to the right.
     assert pixel(changed(tilt=0.1), ahead)[1] == pytest.approx(-np.exp(7) * np.tan(0.1))
     assert pixel(changed(pan=0.1), ahead)[0] == pytest.approx(np.exp(7) * np.tan(0.1))
     # A rolled camera turns its picture about the centre and keeps the distance from it.
@@ -87,7 +87,7 @@ def predicted(camera, person, offset):
 @jax.jit
 @jax.vmap
 def derivatives(camera, person, offset):
-    """Of the box of a person, with respect to camera, person and foot offset."""
+    """Derivatives of a person's box with respect to camera, person and foot offset."""
 
     def box(camera, person, offset):
         return box_edges(projection(camera), person, camera[X:Z], offset)
@@ -105,7 +105,7 @@ def test_what_moves_cameras_and_people_together_moves_no_box(x64, seed, offset):
     size = np.abs(by_person).max()
     shift = by_camera[..., X:Z] + by_person[..., :2]
     np.testing.assert_allclose(shift, 0, atol=1e-9 * size)
-    # A turn about the origin turns headings too.
+    # A turn about the origin also turns headings.
     turned = lambda p: np.stack([-p[:, 1], p[:, 0]], -1)  # noqa: E731
     turn = (
         by_camera[..., PAN]
@@ -113,7 +113,7 @@ def test_what_moves_cameras_and_people_together_moves_no_box(x64, seed, offset):
         + np.einsum("nij,nj->ni", by_person[..., :2], turned(xy))
     )
     np.testing.assert_allclose(turn, 0, atol=1e-8 * size)
-    # So does growth of all lengths, the foot offset among them.
+    # So does scaling all lengths, including the foot offset.
     growth = (
         np.einsum("nij,nj->ni", by_camera[..., X:], camera[:, X:])
         + np.einsum("nij,nj->ni", by_person, person)
@@ -151,5 +151,5 @@ def test_the_foot_stands_nearer_than_the_body():
     xy, height = np.array([[0.0, 9.0]]), np.array([1.7])
     near, there = (boxes_of_rows(camera, xy, height, offset)[0] for offset in (0.15, 0.0))
     stepped = boxes_of_rows(camera, xy - [0, 0.15], height, 0.0)[0]
-    assert near[2] == pytest.approx(stepped[2])  # the lower edge as of somebody 15 cm nearer
-    assert near[1] == pytest.approx(there[1])  # and the upper one where it was
+    assert near[2] == pytest.approx(stepped[2])  # the lower edge as for a person 15 cm nearer
+    assert near[1] == pytest.approx(there[1])  # and the upper edge unchanged

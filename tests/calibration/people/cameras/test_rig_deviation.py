@@ -1,4 +1,4 @@
-"""What is known of the shape and the metric scale of a rig from people."""
+"""The uncertainty of shape and metric scale of a rig from people."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def test_a_rig_that_swells_by_some_percent_is_that_uncertain(
 
 @jax.jit
 def fitted_to(centers: jax.Array, moved: jax.Array) -> jax.Array:
-    """Each of the moved rigs, by the similarity that takes it to the centers."""
+    """Align each of the moved rigs with the centers by a similarity."""
     return jax.vmap(lambda points: fit_similarity(points, centers)(points))(moved)
 
 
@@ -47,7 +47,7 @@ def fitted_to(centers: jax.Array, moved: jax.Array) -> jax.Array:
 def test_the_deviation_of_the_shape_is_what_a_similarity_leaves(
     seed: int, cameras: int, scale: float
 ) -> None:
-    """Against similarities fitted to many drawn rigs; it has the unit of the centers."""
+    """Compare with similarities fitted to many drawn rigs; the unit is that of the centers."""
     rng = np.random.default_rng(seed)
     parameters = rig(seed, cameras + 1)
     known = np.arange(cameras + 1) > 0
@@ -92,7 +92,7 @@ def test_more_people_and_surer_cameras_never_make_the_scale_less_sure(
     assert scale_deviation(parameters, covariance / 2, known) <= found
     crowd = crowd_deviation(people, RULES)
     assert crowd_deviation(2 * people, RULES) <= crowd
-    # No number of frames tells how tall the crowd is.
+    # No number of frames reveals how tall the crowd is.
     assert crowd >= np.hypot(RULES.crowd_height_sd, RULES.box_slack_sd * RULES.person_height)
 
 

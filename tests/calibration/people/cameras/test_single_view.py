@@ -30,7 +30,7 @@ cameras = st.tuples(st.floats(0.15, 0.6), st.floats(-0.1, 0.1), st.floats(2.5, 7
 
 
 def grid_of(camera, seed, count=300, spread=0.0, pixels=0.0):
-    """Boxes of people all over the picture, at most so many; heights and edges may scatter."""
+    """Draw up to `count` boxes of people all over the picture; heights and edges may scatter."""
     rng = np.random.default_rng(seed)
     xy = np.column_stack([rng.uniform(-8, 8, 4 * count), rng.uniform(2, 25, 4 * count)])
     height = RULES.apparent_height * (1 + spread * rng.standard_normal(len(xy)))
@@ -43,14 +43,14 @@ def grid_of(camera, seed, count=300, spread=0.0, pixels=0.0):
     )
     inside = (box[:, :2] > 10).all(1) & (box[:, 2:] < SIZE[0] - 10).all(1)
     box = box[inside][:count]
-    # A box that is not at least a few pixels tall is nobody's.
+    # A box that is only a few pixels tall is not of a person.
     box = box[box[:, 3] - box[:, 1] > 8]
     frame = np.arange(len(box)) % 50
     return grid_boxes(Detections(frame, np.zeros(len(box), int), box), SIZE, RULES, IDEAL)
 
 
 def errors(plane, camera):
-    """Tilt and roll in radians, height as a share."""
+    """Return errors of tilt and roll in radians, and of the height as a fraction."""
     return np.abs(
         [plane[TILT] - camera[TILT], plane[ROLL] - camera[ROLL], plane[Z] / camera[Z] - 1]
     )
@@ -60,7 +60,7 @@ def errors(plane, camera):
 @settings(max_examples=12)
 @given(cameras, st.integers(0, 10**6))
 def test_exact_boxes_give_the_exact_ground(camera, seed):
-    camera[ROLL] = 0  # a prior pulls the roll to 0, by little
+    camera[ROLL] = 0  # a prior pulls the roll slightly towards 0
     found = fit_planes(grid_of(camera, seed), 0, FOCAL, RULES)
     assert len(found) >= 1
     assert errors(found[0], camera).max() < 1e-3
@@ -83,7 +83,7 @@ def test_people_of_all_heights_and_noisy_boxes_give_it_roughly(camera, seed):
 @given(cameras, st.integers(0, 10**6), st.floats(0.5, 2))
 def test_twice_the_picture_and_focal_length_is_the_same_ground(camera, seed, factor):
     grid = grid_of(camera, seed, spread=0.05)
-    # What people are counted by is pixels, so that scaled ones are not the same selection.
+    # People are counted by pixels, so scaling changes the selection.
     scaled = BoxGrid(grid.box * factor, grid.sd * factor, grid.valid, grid.size, grid.frames)
     one, other = (fit_planes(g, 0, f, RULES) for g, f in ((grid, FOCAL), (scaled, factor * FOCAL)))
     assert errors(one[0], other[0]).max() < 0.02

@@ -8,7 +8,7 @@ from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 
 
 def people(rng: np.random.Generator, frames: int, slots: int, spread: float) -> GroundMap:
-    """People on a square of 20 m, some slots empty, some people with the same box."""
+    """Draw people on a square of 20 m, some slots empty, some people with the same box."""
     root = rng.normal(0, spread, (frames, slots, 2, 2)) * rng.uniform(0.1, 3, (frames, slots, 1, 1))
     xy = rng.uniform(-10, 10, (frames, slots, 2))
     covariance = root @ np.swapaxes(root, 2, 3) + 0.01 * np.eye(2)
@@ -20,7 +20,7 @@ def people(rng: np.random.Generator, frames: int, slots: int, spread: float) -> 
 
 
 def of_all_pairs(one: GroundMap, other: GroundMap, gate: float):
-    """Frame, slot, partner, distance and log determinant of mutual matches."""
+    """Return frame, slot, partner, distance and log determinant of mutual matches."""
     for frame in range(len(one.xy)):
         apart = one.xy[frame][:, None] - other.xy[frame]
         covariance = one.covariance[frame][:, None] + other.covariance[frame]

@@ -1,4 +1,4 @@
-"""A camera is trusted when nothing is lacking, and a refusal says what is."""
+"""A camera is trusted if nothing is lacking, and a refusal says what is."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Rigs whose boxes were never seen, for the rules of the search."""
+"""Rigs without boxes, for tests of the search rules."""
 
 import numpy as np
 
@@ -37,7 +37,7 @@ def verdict_of(margin):
 
 
 def rig_of(cameras):
-    """A rig in which every camera is trusted."""
+    """Make a rig in which every camera is trusted."""
     state = state_of(cameras)
     zeros = np.zeros(CAMERAS)
     bundle = BundleResult(

@@ -43,7 +43,7 @@ def test_what_is_not_one_offset_per_camera_is_refused(offset, sentence):
 @pytest.mark.slow
 @pytest.mark.parametrize("late", [2, 3])
 def test_the_offset_is_found_of_a_camera_that_was_placed_elsewhere_or_nowhere(late):
-    # Late by 3, it is first placed where it matches others; by 2, it is not placed.
+    # Late by 3, it is first placed where it matches other people; late by 2, it is not placed.
     world = make_world("ring4", 3, frames=60, people=8)
     boxes = world.detections
     frame = np.where(boxes.camera == 1, boxes.frame + late, boxes.frame)
@@ -55,7 +55,7 @@ def test_the_offset_is_found_of_a_camera_that_was_placed_elsewhere_or_nowhere(la
 
 @pytest.mark.slow
 def test_a_late_camera_without_an_offset_does_not_stay_where_it_matches_others_by_chance():
-    # Its place among the first cameras is wrong; they are right once none of them relies on it.
+    # Among the first cameras, its pose is wrong; the others are right once none relies on it.
     world = make_world("ring4", 3, frames=60, people=7)
     boxes = world.detections
     frame = np.where(boxes.camera == 2, boxes.frame + 6, boxes.frame)

@@ -1,4 +1,4 @@
-"""What the search does with cameras that share nobody."""
+"""The search with cameras that share no people."""
 
 from dataclasses import replace
 

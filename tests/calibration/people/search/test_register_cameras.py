@@ -1,4 +1,4 @@
-"""Which pairs of cameras begin a rig."""
+"""The choice of the camera pair that begins a rig."""
 
 from itertools import combinations
 from unittest import mock
