@@ -16,9 +16,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
-# Checking every call of a loop that runs thousands of times takes a third of the time of a test.
-# Each test checks the first calls of a function: so many, and for tests that hypothesis repeats, so
-# many times the usual number of examples.
+# Checking every call of a loop that runs thousands of times takes a third of a test's time. Each
+# test checks this many first calls of a function; tests that Hypothesis repeats check this many
+# times the usual number of examples.
 CHECKS = 4
 _calls: Counter[str] = Counter()
 _most = CHECKS
@@ -26,7 +26,7 @@ _jaxtyped = jaxtyping.jaxtyped
 
 
 def check_first_calls(function: Any = None, **checker: Any) -> Any:
-    """Let jaxtyping check the first calls of each function in each test; classes as usual."""
+    """Let jaxtyping check only the first calls of each function per test; classes as usual."""
     if function is None:
         return functools.partial(check_first_calls, **checker)
     if not inspect.isfunction(function):
@@ -42,22 +42,23 @@ def check_first_calls(function: Any = None, **checker: Any) -> Any:
         if _calls[name] >= _most:
             return function(*args, **kwargs)
         _calls[name] += 1
-        if checked is None:  # writing the checks of all functions takes half of the imports' time
+        if checked is None:  # generating all functions' checks takes half of the import time
             checked = _jaxtyped(function, **checker)
         return checked(*args, **kwargs)
 
     return call
 
 
-# The hook decorates with this attribute; its own decorator also binds the arguments of calls that
-# it does not check.
+# The hook decorates with this attribute; its own decorator also binds the arguments of unchecked
+# calls.
 jaxtyping.jaxtyped = check_first_calls
 install_import_hook("catfree", "beartype.beartype")
 
-# Tests compile thousands of small functions, in half the time with these flags; results are equally
-# exact. (Level 0 of optimization is faster still, but jaxlib 0.10.2 computes wrong Hessians then.)
+# Tests compile thousands of small functions, in half the time with these flags and with equally
+# exact results. (Optimization level 0 is even faster, but jaxlib 0.10.2 then computes wrong
+# Hessians.)
 COMPILE_FAST = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
-os.environ.setdefault("XLA_FLAGS", COMPILE_FAST)  # JAX reads it with the first array
+os.environ.setdefault("XLA_FLAGS", COMPILE_FAST)  # JAX reads it at the first array
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -73,9 +74,9 @@ settings.load_profile("catfree")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Share what JAX compiles with the other workers, the commands under test and the next run.
+    """Share JAX's compiled code with other workers, tested commands and the next run.
 
-    Files are handed to the workers in their order: few and long tests do not wait for the end.
+    Files go to the workers in order, so that long tests are not left to the end.
     """
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
@@ -92,7 +93,7 @@ SLOW_FILE = re.compile(r"^pytestmark = .*pytest\.mark\.slow\b", re.MULTILINE)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out files of which all tests are slow, unless they are named: importing takes time."""
+    """Skip files with only slow tests unless they are named, because importing takes time."""
     if config.option.markexpr != "not slow" or collection_path.suffix != ".py":
         return None
     if collection_path in {Path(name.split("::")[0]).absolute() for name in config.args}:
@@ -107,14 +108,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
-    """Tests of a file share a worker, and what it compiled, if nothing else is asked for."""
+    """Let tests of a file share a worker and its compiled code by default."""
     if getattr(config.option, "numprocesses", None) and config.option.dist == "no":
         config.option.dist = "loadfile"
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """One worker more than processors: slow tests wait for other processes, files and brokers.
+    """Use one worker more than processors: slow tests wait for processes, files and brokers.
 
     Quick tests do not wait, and each worker imports all files.
     """
@@ -138,7 +139,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def pytest_runtest_teardown() -> None:
-    """Forget compiled functions before there are more than the system allows."""
+    """Drop compiled functions before they exceed the system's limit."""
     mappings = Path("/proc/self/maps")
     if next(_tests) % TESTS_BETWEEN or not mappings.exists():
         return
@@ -148,7 +149,7 @@ def pytest_runtest_teardown() -> None:
 
 
 def _shared() -> Path | None:
-    """The folder with research data beside the checkout, or None."""
+    """Find the folder with research data beside the checkout; None without it."""
     named = os.environ.get("CATFREE_SHARED")
     candidates = [Path(named)] if named else [Path(__file__).parents[2] / "shared"]
     return next((path for path in candidates if (path / "data").is_dir()), None)
@@ -159,7 +160,7 @@ SHARED = _shared()
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The research data, or a skip that says why."""
+    """Return the research data, or skip with a reason."""
     if SHARED is None:
         pytest.skip(
             "research data not found: set CATFREE_SHARED or put shared/ beside the checkout"
@@ -169,6 +170,6 @@ def shared() -> Path:
 
 @pytest.fixture
 def x64():
-    """Run a test in float64 without touching global state for the others."""
+    """Run a test in float64 without changing global state for others."""
     with jax.enable_x64(True):
         yield

@@ -1,4 +1,4 @@
-"""A rig that is given, told of as one from people."""
+"""A given rig as the result of a calibration from people."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from catfree.types import Scene
 
 
 def calibration_of(scene: Scene, **others: Any) -> Calibration:
-    """The calibration of a metric scene; what `others` does not state is the same everywhere."""
+    """Make the calibration of a metric scene; values not in `others` are the same everywhere."""
     count = scene.rig.camera_count
     ones = np.ones(count)
     stated: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Simulated scenes and real recordings of the research data, and how a result on them is scored."""
+"""Simulated scenes and real recordings of the research data, and scoring of results on them."""
 
 from functools import cache
 from pathlib import Path
@@ -22,7 +22,7 @@ def real_path(data: Path, name: str) -> Path:
 
 @cache
 def sequence_of(data: Path, name: str, **options) -> MultiViewSequence:
-    """A simulated scene or a real recording by its name, read with these options."""
+    """Read a simulated scene or a real recording by name, with these options."""
     if name in SCENARIOS:
         return read_scenario(data / "scenarios" / f"public_{name}", **options)
     return read_uniform_json(real_path(data, name), **options)
@@ -35,12 +35,12 @@ def localize(sequence: MultiViewSequence, settings: Settings = PAPER) -> cf.Loca
 
 @cache
 def of_the_paper(data: Path, name: str, **options) -> cf.Localization:
-    """What the paper's method finds there; several tests ask."""
+    """Run the paper's method once for several tests."""
     return localize(sequence_of(data, name, **options))
 
 
 def rows_in_metres(sequence: MultiViewSequence, found: cf.Localization) -> np.ndarray:
-    """Track rows, after aligning the rig's centres with the true ones if it is not metric."""
+    """Return track rows, aligning the rig's centers with the true ones if it is not metric."""
     assert sequence.scene is not None
     position = found.tracks.position
     if sequence.true_centres is not None and not sequence.scene.metric:
@@ -50,12 +50,12 @@ def rows_in_metres(sequence: MultiViewSequence, found: cf.Localization) -> np.nd
 
 
 def area_of(sequence: MultiViewSequence):
-    """The area that is annotated; nobody is left out where the data name none."""
+    """Return the annotated area, or everything if the data state none."""
     return EVERYWHERE if sequence.evaluation_area is None else sequence.evaluation_area
 
 
 def moda(sequence: MultiViewSequence, found: cf.Localization, area=None) -> float:
-    """MODA at half a metre inside the area."""
+    """Compute MODA at half a meter inside the area."""
     rows = rows_in_metres(sequence, found)
     area = area_of(sequence) if area is None else area
     truth, frames = sequence.ground_truth, sequence.frames
@@ -63,7 +63,7 @@ def moda(sequence: MultiViewSequence, found: cf.Localization, area=None) -> floa
 
 
 def idf1(sequence: MultiViewSequence, found: cf.Localization) -> float:
-    """IDF1 at one metre inside the annotated area."""
+    """Compute IDF1 at one meter inside the annotated area."""
     truth, rows = (
         crop(r, area_of(sequence)) for r in (sequence.ground_truth, rows_in_metres(sequence, found))
     )

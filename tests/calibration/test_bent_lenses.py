@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-# The folder `benchmarks` is no installed package: it is imported from the checkout's root.
+# `benchmarks` is not an installed package, so import it from the checkout's root.
 from benchmarks.robustness import bent
 from catfree.calibration import calibrate
 from catfree.geometry import fit_similarity

@@ -83,7 +83,7 @@ def test_the_rig_as_a_whole_stays_in_place_and_size(disturbed):
     old, new = (np.asarray(s.rig.centers, np.float64) for s in (before, after))
     np.testing.assert_allclose(new.mean(0), old.mean(0), atol=1e-5 * extent)
     old, new = old - old.mean(0), new - new.mean(0)
-    # The best scale of the new centres against the old ones is 1.
+    # The best scale of the new centers against the old ones is 1.
     assert (old * new).sum() == pytest.approx((new**2).sum(), rel=1e-4)
     turn = np.einsum("cji,cjk->cik", np.asarray(before.rig.R), np.asarray(after.rig.R))
     mean = Rotation.from_matrix(turn).mean().as_rotvec()

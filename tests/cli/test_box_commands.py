@@ -107,7 +107,7 @@ def test_nothing_is_concluded_from_missing_pictures(world, boxes, tmp_path):
     expected = cf.localize(seen, world.scene, silent=missing).tracks
     np.testing.assert_array_equal(found.existence, expected.existence)
     assert not np.array_equal(cf.localize(seen, world.scene).tracks.existence, expected.existence)
-    # The folder of results remembers them, but no embeddings.
+    # The results folder stores them, but no embeddings.
     words[1], words[-1] = str(tmp_path / "out"), str(tmp_path / "again")
     assert cli.main(words) == 0
     expected = cf.localize(replace(seen, embedding=None), world.scene, silent=missing).tracks
@@ -181,7 +181,7 @@ def test_cameras_from_boxes(world, boxes, tmp_path, capsys):
     truth = np.asarray(world.true_rig.centers)[[NAMES.index(name) for name in names]]
     sd = cf.KnownCamera.position_sd
     np.testing.assert_allclose(np.asarray(surveyed.rig.centers), truth, atol=2 * sd)
-    assert np.abs(np.asarray(scene.rig.centers) - truth).max() > 1  # in a frame of its own
+    assert np.abs(np.asarray(scene.rig.centers) - truth).max() > 1  # in its own frame
     (tmp_path / "anchors.json").write_text('{"distances": [{"camera": "nord"}]}')
     assert cli.main(words) == 1
     assert "entry 0 of distances" in sentence_after_table(capsys)

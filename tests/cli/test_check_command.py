@@ -1,4 +1,4 @@
-"""`check` on files of boxes: a table, and a page."""
+"""`check` on files of boxes: a table and a page."""
 
 from types import SimpleNamespace
 
@@ -143,7 +143,7 @@ def test_words_that_do_not_fit_are_told_before_the_long_work(
 
 @pytest.fixture
 def pages(monkeypatch):
-    """The footage of each page that is written, and the boxes, where nothing is computed."""
+    """Record the footage and boxes of each written page, computing nothing."""
     pages = []
     monkeypatch.setattr(
         "catfree._run._run.run_stages",
@@ -166,7 +166,7 @@ def pages(monkeypatch):
 
 
 def write_still_pictures(folder, names, frames):
-    """A folder of gray images per camera; the gray of each is its number."""
+    """Write a folder of gray images per camera, each with its number as gray level."""
     folders = []
     for name in names:
         folders.append(folder / name)
@@ -179,7 +179,7 @@ def write_still_pictures(folder, names, frames):
 
 @pytest.mark.parametrize("seen", ["abcd", "dbca", "db"])
 def test_each_video_is_that_of_the_camera_with_its_boxes(seen, tmp_path, pages, capsys):
-    """Boxes put the scene in their order, and leave out cameras that have none."""
+    """The scene takes the order of the boxes, without cameras that have none."""
     write_scene_json(tmp_path / "scene.json", make_layout("ring4", 0).scene, list("abcd"))
     files = [tmp_path / f"{name}.txt" for name in seen]
     for file in files:
@@ -199,7 +199,7 @@ def test_each_video_is_that_of_the_camera_with_its_boxes(seen, tmp_path, pages, 
 
 @pytest.mark.parametrize("order", ["abcd", "dbca"])
 def test_results_say_which_pictures_belong_to_their_boxes(order, tmp_path, pages):
-    """Videos of a run that began apart show what its boxes show, and lack what they lack."""
+    """Videos that began at different times show, and lack, the same instants as the run's boxes."""
     layout = make_layout("ring4", 0)
     results, scene = tmp_path / "results", tmp_path / "scene.json"
     results.mkdir()

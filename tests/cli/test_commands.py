@@ -1,4 +1,4 @@
-"""The command line: every command does its work, and every failure is one sentence."""
+"""The command line: every command works, and every failure is one sentence."""
 
 import contextlib
 import csv
@@ -84,7 +84,7 @@ def results(outcome, tmp_path_factory):
 
 
 def one_sentence(capsys):
-    """What went to standard error: a single line that names the program, no traceback."""
+    """Return the single line on standard error, which names the program, without traceback."""
     error = capsys.readouterr().err.strip()
     assert error.startswith("catfree: ")
     assert "\n" not in error
@@ -124,7 +124,7 @@ def test_what_a_killed_run_left_over_goes_and_all_else_stays(outcome, tmp_path):
         kept += [folder / ".tracks.csv.swp"]
     for path in (*left, *kept):
         path.write_text("half")
-        if path.name[9] != "b":  # somebody is writing to these
+        if path.name[9] != "b":  # these are being written
             os.utime(path, (past, past))
     write_results(tmp_path, outcome)
     assert not any(path.exists() for path in left)
@@ -267,7 +267,7 @@ def test_heat_map_shows_what_many_people_did(results, tmp_path, capsys):
     assert "0 cells. No cell was visited by 1000 people" in said
     assert "--k" in said
     assert cli.main(["heat-map", str(results), "--k", "0"]) == 1
-    assert cli.main([*words[:-1], str(tmp_path / "other.png")]) == 1  # would replace the table
+    assert cli.main([*words[:-1], str(tmp_path / "other.png")]) == 1  # it would replace the table
     assert "other.csv" in capsys.readouterr().err
     assert not (tmp_path / "other.png").exists()
 
@@ -323,7 +323,7 @@ def test_evaluate_scores_tracks(world, results, tmp_path, capsys):
 
 
 def walkers(frames, speeds):
-    """People who walk straight, by some meters per frame; rows [frame, id, x, y]."""
+    """Make people who walk straight, by some meters per frame: rows [frame, id, x, y]."""
     frame, person = (grid.ravel() for grid in np.meshgrid(frames, range(len(speeds))))
     return np.column_stack([frame, person, np.take(speeds, person) * frame, 5.0 * person])
 
@@ -402,7 +402,7 @@ def test_evaluate_of_a_run_with_a_stride(results, tmp_path, capsys):
         assert cli.main([*words, "--frames", "tracks"]) == 0
         shown = capsys.readouterr()
         assert shown.err == ""
-        # Nobody was found in frame 25, which is one of the steps.
+        # No one was found in frame 25, which is one of the steps.
         assert (re.search(r"recall.*100\.00", shown.out) is None) == (chosen != range(30))
         assert re.search(r"precision.*100\.00", shown.out)
     part.write_text(header + "\n")
@@ -419,7 +419,7 @@ def test_evaluate_of_a_run_with_a_stride(results, tmp_path, capsys):
         (lambda xy: xy, False),
         (lambda xy: xy + 300, True),  # the frame of a map
         (lambda xy: 100 * xy, True),  # centimeters
-        (lambda xy: xy[:, ::-1] * [-1, 1], True),  # axes of its own: a few meet by chance
+        (lambda xy: xy[:, ::-1] * [-1, 1], True),  # its own axes: a few match by chance
     ],
 )
 def test_evaluate_of_positions_in_another_frame(results, tmp_path, capsys, change, told):
@@ -431,7 +431,7 @@ def test_evaluate_of_positions_in_another_frame(results, tmp_path, capsys, chang
     shown = capsys.readouterr()
     assert (shown.err.count("\n") == 1 and "different frames of reference" in shown.err) == told
     assert told or shown.err == ""
-    # In an area of its own frame, where nobody was found, too.
+    # Also in an area of its own frame where no one was found.
     low, high = rows[:, 2:].min(0), rows[:, 2:].max(0)
     area = [repr(float(value)) for value in (low[0], high[0], low[1], high[1])]
     assert cli.main(["evaluate", str(results), str(truth), "--area", *area]) == 0
@@ -477,7 +477,7 @@ def test_evaluate_needs_somebody_in_the_area(results, tmp_path, capsys):
     words = ["evaluate", str(results / "tracks.csv"), str(truth)]
     assert cli.main([*words, "--area", "50", "51", "50", "51"]) == 1
     assert "No position of" in one_sentence(capsys)
-    # Nobody found is a score, not a mistake.
+    # Finding no one gives a score, not an error.
     assert cli.main([*words, "--area", "1.9", "2", "2.9", "3"]) == 0
     assert "nan" not in capsys.readouterr().out
 
@@ -603,7 +603,7 @@ def test_calibrate_and_run_on_footage_without_people(tmp_path, capsys):
         report = (tmp_path / f"damaged_{command}" / "report.md").read_text()
         assert "Used only the footage before the damage, 9 of 10 instants: Camera 1" in report
     (tmp_path / "anchors.json").write_text('{"cameras": [{"camera": "nord", "height": 4}]}')
-    for command in ("calibrate", "run"):  # a misspelled name is told before detection
+    for command in ("calibrate", "run"):  # a misspelled name is reported before detection
         words = ["--anchors", str(tmp_path / "anchors.json"), "--out", str(tmp_path / "misspelled")]
         assert cli.main([command, *videos, *words]) == 1
         assert "camera 'nord', but the cameras are c0, c1" in capsys.readouterr().err

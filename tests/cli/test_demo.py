@@ -1,4 +1,4 @@
-"""The demo scores itself honestly: right answers score full marks, and only videos are used."""
+"""The demo scores honestly: correct results score 100 %, and only videos are used."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def world():
 
 
 def answer(world, scale=1.0, registered=None):
-    """An outcome that knows everything, in a frame of its own that is `scale` times as large."""
+    """Make a perfect outcome in its own frame, which is `scale` times as large."""
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     shift = np.array([3.0, -2.0, 0.0])
     rig = world.true_rig
@@ -95,7 +95,7 @@ def test_truth_is_drawn_where_the_tracks_are(world):
 
 @pytest.mark.slow
 def test_the_pipeline_gets_the_files_and_nothing_else(tmp_path, monkeypatch):
-    """All the way through pictures and report, with an answer in place of the pipeline."""
+    """Pictures and report are written, with a given result in place of the pipeline."""
     given, made = [], []
     make = demo.make_demo_world
 

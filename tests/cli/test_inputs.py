@@ -1,4 +1,4 @@
-"""What the words of the command line become: settings, videos, scenes, truth."""
+"""Arguments of the command line as settings, videos, scenes and truth."""
 
 import contextlib
 import json
@@ -46,7 +46,7 @@ def test_one_video_is_too_few(tmp_path):
 
 @pytest.fixture
 def folders(tmp_path, monkeypatch):
-    """Folders of videos, of image folders and of files of boxes, of two cameras each."""
+    """Write folders of videos, image folders and box files, of two cameras each."""
     monkeypatch.chdir(tmp_path)
     for camera in "ab":
         for name in (f"videos/{camera}.mp4", f"images/{camera}/0.png", f"boxes/{camera}.txt"):

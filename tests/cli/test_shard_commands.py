@@ -1,4 +1,4 @@
-"""The commands for long recordings: each does its work, and every failure is one sentence."""
+"""The commands for long recordings: each works, and every failure is one sentence."""
 
 import contextlib
 import json
@@ -26,7 +26,7 @@ CUT = ("--every", "6", "--overlap", "3", "--frame-rate", "5")
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """A folder with boxes of twelve seconds, their scene, and lists of sites."""
+    """Write a folder with boxes of twelve seconds, their scene, and lists of sites."""
     folder = tmp_path_factory.mktemp("recording")
     world = make_world("ring4", frames=60, people=4)
     write_detections_parquet(folder / "boxes.parquet", world.detections)
@@ -55,7 +55,7 @@ def files(tmp_path_factory):
 
 @pytest.fixture
 def in_threads(monkeypatch):
-    """Run shards in threads of this process, which has compiled them already."""
+    """Run shards in threads of this process, which has already compiled the code."""
 
     @contextlib.contextmanager
     def workers(count=None):
@@ -66,7 +66,7 @@ def in_threads(monkeypatch):
 
 
 def last_sentence(capsys):
-    """The last line on standard error, which names the program; no traceback before it."""
+    """Return the last line on standard error, which names the program, without traceback."""
     error = capsys.readouterr().err.strip()
     assert "Traceback" not in error
     last = error.splitlines()[-1]
@@ -102,7 +102,7 @@ def test_plan_then_shards_then_join(files, tmp_path, capsys):
     truth = tmp_path / "truth.csv"
     np.savetxt(truth, day.read().to_rows(), "%.6f", ",", header="frame,id,x,y", comments="")
     assert cli.main(["evaluate", str(out), str(truth)]) == 0
-    assert "100.00" in capsys.readouterr().out  # the tracks against themselves
+    assert "100.00" in capsys.readouterr().out  # tracks scored against themselves
     assert cli.main(["heat-map", str(out), "--k", "1"]) == 1
     assert "--out" in last_sentence(capsys)
     heat = tmp_path / "heat.csv"
@@ -112,7 +112,7 @@ def test_plan_then_shards_then_join(files, tmp_path, capsys):
     )
     assert cli.main(["plot", str(out)]) == 1
     assert f"catfree heat-map '{out}' --out" in last_sentence(capsys)
-    # Neither command repeats what is done.
+    # Neither command repeats finished work.
     before = {path: path.stat().st_mtime_ns for path in (out / "_shards").glob("part-*")}
     assert len(before) == 6
     assert cli.main(["shard", "--plan", str(plan), "--index", "0"]) == 0
@@ -165,7 +165,7 @@ def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):
     assert cli.main(["plan", *words, *CUT, "--out", str(tmp_path)]) == 0
     document = json.loads((tmp_path / "_shards" / "plan.json").read_text())
     assert [row["silent"] for row in document["shards"]] == [[[1, 7, 9]], [[0, 50, 51]]]
-    # The results of a run say so themselves.
+    # The results of a run already state it.
     cf.adapters.read_detections_parquet("boxes.parquet").save(tmp_path / "detections.npz")
     (tmp_path / "missing_pictures.csv").write_text("frame,camera\n7,b\n8,b\n50,a\n")
     words = [str(tmp_path / "detections.npz"), "--scene", "scene.json"]

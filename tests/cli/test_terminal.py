@@ -1,4 +1,4 @@
-"""What the command line shows: every stage under a name for people, failures on standard error."""
+"""Output of the command line: readable names of all stages, failures on standard error."""
 
 import ast
 from pathlib import Path
@@ -15,7 +15,7 @@ CALLBACKS = {"report", "progress"}
 
 
 def reported_stages() -> dict[str, set[str]]:
-    """Stages that modules of the package report through a progress callback, and which do."""
+    """Find the stages that modules report through a progress callback, and these modules."""
     found: dict[str, set[str]] = {}
     for path in sorted(ROOT.rglob("*.py")):
         tree = ast.parse(path.read_text())
@@ -33,7 +33,7 @@ def reported_stages() -> dict[str, set[str]]:
             given = [word.value for word in node.keywords if word.arg == "stage"]
             stage = given[0] if given else node.args[0] if name in CALLBACKS and node.args else None
             if stage is None or (isinstance(stage, ast.Name) and stage.id == "stage"):
-                continue  # the caller of such a function gives it, by `stage=`
+                continue  # callers of such a function pass the stage, by `stage=`
             if isinstance(stage, ast.Name):
                 stage = constants.get(stage.id)
             where = str(path.relative_to(ROOT))

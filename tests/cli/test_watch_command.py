@@ -16,7 +16,7 @@ pytest.importorskip("tyro")
 
 
 def lines_of(world, frames):
-    """Every frame of every camera as a line, five per second."""
+    """Return every frame of every camera as a line, five per second."""
     seen = world.detections
     for frame in range(frames):
         for camera, name in enumerate("abcd"):
@@ -42,7 +42,7 @@ def test_lines_in_lines_out(provisional, tmp_path, monkeypatch, capsys):
 
 
 class _InterruptedInUpdate(Tracker):
-    """Ctrl-C while the fourth instant is computed."""
+    """Press Ctrl-C while the fourth instant is computed."""
 
     def update(self, detections, time, cameras=None):
         if round(time * 5) == 3:

@@ -32,14 +32,14 @@ def scene_of(seed, name="ring4"):
 
 
 def without(scene, camera):
-    """The scene with a camera that failed."""
+    """Make the scene with a failed camera."""
     registered = scene.rig.registered & (np.arange(scene.rig.camera_count) != camera)
     rig = replace(scene.rig, registered=registered)
     return Scene(rig, scene.ground, scene.extent, scene.metric)
 
 
 def inside_by_opencv(rig, points):
-    """(C, N) whether each camera has each world point in its picture, by cv2.projectPoints."""
+    """Return (C, N) whether each camera sees each world point, by cv2.projectPoints."""
     seen = []
     for c in range(rig.camera_count):
         lens = np.zeros(5) if rig.distortion is None else rig.distortion[c]
@@ -52,7 +52,7 @@ def inside_by_opencv(rig, points):
 
 
 @pytest.mark.slow
-@settings(max_examples=8)  # each compares 30 places one by one
+@settings(max_examples=8)  # each compares 30 places individually
 @given(seed=SEEDS)
 def test_sigma_and_visibility_are_those_of_the_geometry(x64, seed):
     scene = scene_of(seed)
@@ -91,7 +91,8 @@ def test_removing_a_camera_never_lowers_sigma(seed):
 def test_a_copy_of_a_camera_gives_the_map_of_the_rig_that_has_it_twice(seed, camera):
     scene = scene_of(seed)
     rig, center = scene.rig, np.asarray(scene.rig.centers)[camera]
-    # The camera is held upright: rotated about its axis until the world's z is up in it.
+    # The camera is held upright: rotated about its axis until the world's z points up in the
+    # picture.
     x, y, _ = rig.R[camera] @ [0, 0, 1]
     level = Rotation.from_rotvec([0, 0, np.arctan2(-x, -y)]).as_matrix() @ rig.R[camera]
     R, t = rig.R.copy(), rig.t.copy()
@@ -185,7 +186,7 @@ def test_the_map_moves_with_the_scene(x64, seed, scale, turn, shift):
     move = Similarity(scale, rotation, np.array(shift))
     moved = transform_scene(move, scene)
     before = coverage(scene, AREA, resolution=2.0)
-    # The plan's axes do not follow the world's rotation: look at one moved place at a time.
+    # The plan's axes do not follow the world's rotation: check one moved place at a time.
     places = np.asarray(move(from_plan(scene, before.xy.reshape(-1, 2)))) @ moved.ground.basis
     cell = 1e-4 * scale
     for place, sigma, cameras in zip(
@@ -363,6 +364,6 @@ def test_the_medians_of_the_public_calibration(shared):
         rig = scene.rig.select(np.arange(count))
         part = Scene(rig, Plane(scene.ground.normal, scene.ground.offset), scene.extent, True)
         medians.append(100 * coverage(part, (-3.0, 9.0, 0.0, 14.0)).median_sigma)
-    # Centimetres for 2, 4 and 7 cameras, computed before without the pictures' borders.
+    # Centimeters for 2, 4 and 7 cameras, computed earlier without the pictures' borders.
     assert medians[0] > medians[1] > medians[2]
     assert medians[2] == pytest.approx(15.3, rel=0.5)

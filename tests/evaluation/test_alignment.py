@@ -1,4 +1,4 @@
-"""Alignment on camera centres and on people: recovery of a known transform, laws, refusals."""
+"""Alignment on camera centers and on people: recovery of a known transform, laws, refusals."""
 
 import json
 import math
@@ -82,7 +82,7 @@ def test_one_wrong_camera_is_found_by_leaving_it_out():
         estimated, CENTRES, CENTRES, lambda points: -np.abs(points - CENTRES).max()
     )
     assert result.cameras.tolist() == [0, 1, 2, 3, 4]
-    # Without the wrong camera the alignment is exact, and it lands where it was put.
+    # Without the wrong camera the alignment is exact, and that camera lands where it was moved.
     assert result.values[3] == pytest.approx(0.0, abs=1e-9)
     assert result.held_out_centre_error[3] == pytest.approx(2.0)
     assert result.values.argmax() == 3
@@ -214,7 +214,7 @@ def test_reference_similarities(shared):
 @pytest.mark.slow
 @pytest.mark.parametrize("wide", [False, True])
 def test_scores_on_a_map_keep_their_digits(wide):
-    """Eastings and northings of a UTM zone: single precision resolves 0.25 to 0.5 m there."""
+    """With UTM eastings and northings, single precision resolves 0.25 to 0.5 m there."""
     corner = np.array([512_345.0, 5_412_345.0, 400.0])
     noisy = CENTRES + np.random.default_rng(1).normal(0, 0.05, CENTRES.shape)
     people = np.random.default_rng(2).uniform(0, 10, (20, 3))

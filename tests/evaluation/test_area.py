@@ -1,4 +1,4 @@
-"""Metrics in an area: what is inside, and both ways to count what is outside."""
+"""Metrics in an area: inside, and both ways to count positions outside."""
 
 import numpy as np
 import pytest

@@ -78,7 +78,7 @@ def test_equals_resampling_one_by_one():
 
 
 def test_width_agrees_with_the_normal_approximation():
-    # Recall of independent frames with 20 people each: variance of a ratio of sums.
+    # For recall of independent frames with 20 people each: variance of a ratio of sums.
     random = np.random.default_rng(0)
     tp = random.binomial(20, 0.7, 400)
     metrics = from_counts(tp, np.zeros(400, int), 20 - tp)

@@ -39,7 +39,7 @@ def counts(metrics):
 
 
 def best_matching(truth, predicted, gate):
-    """(pairs, total distance) of the best matching, by trying every one."""
+    """Find (pairs, total distance) of the best matching by trying all."""
     if len(truth) > len(predicted):
         truth, predicted = predicted, truth
     best = (0, 0.0)
@@ -274,9 +274,9 @@ def test_reference_values(shared, expected_by, compat):
         if compat is None and expected_by not in case["recommended_asserts"]:
             continue
         if compat == "mvdet_frames" and (
-            not case["pred"]  # that evaluator gives up without predictions
+            not case["pred"]  # that evaluator fails without predictions
             or path.stem
-            in ("h10_cardinality_order_a", "r05_very_dense")  # its matching is not best
+            in ("h10_cardinality_order_a", "r05_very_dense")  # its matching is not optimal
         ):
             continue
         metrics = evaluation.detection_metrics(

@@ -17,7 +17,7 @@ EPSILON = np.finfo(float).eps
 
 @st.composite
 def generic_tables(draw, frames=3, identities=3):
-    """Truth and predictions with no two distances alike, so that every matching is unique."""
+    """Draw truth and predictions with distinct distances, so that every matching is unique."""
     random = np.random.default_rng(draw(st.integers(0, 10**6)))
     spread = draw(st.floats(0.3, 2.0))
     tables = []
@@ -36,7 +36,7 @@ def generic_tables(draw, frames=3, identities=3):
 
 
 def slow_hota(truth, predicted, zero_distance=1.0):
-    """Per-alpha HOTA, DetA, AssA and LocA as fractions, from dictionaries and all permutations."""
+    """Compute HOTA, DetA, AssA and LocA per alpha from dictionaries and all permutations."""
     frames = sorted({row[0] for row in [*truth, *predicted]})
     rows_of = {
         f: ([t for t in truth if t[0] == f], [p for p in predicted if p[0] == f]) for f in frames
@@ -156,7 +156,7 @@ def test_a_perfect_tracker_scores_one_hundred(tables):
 @settings(max_examples=15)
 @given(generic_tables(frames=4), generic_tables(frames=4))
 def test_combining_equals_one_long_sequence(first, second):
-    # Identities and frames of the second are made different; its people live elsewhere.
+    # The second has other identities, frames and places.
     moved = [table + np.array([50, 50, 0, 0]) for table in second]
     joined = evaluation.hota(*(np.vstack(pair) for pair in zip(first, moved, strict=True)))
     combined = evaluation.combine_hota([evaluation.hota(*first), evaluation.hota(*second)])

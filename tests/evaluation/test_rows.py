@@ -15,7 +15,7 @@ cells = st.integers(-8, 8).map(lambda cell: cell / 8)
 
 @st.composite
 def people(draw):
-    """Rows of at most three people in frames 0 to 3; every identity once a frame."""
+    """Draw rows of at most three people in frames 0 to 3, each identity once per frame."""
     keys = draw(st.sets(st.tuples(st.integers(0, 3), st.integers(0, 2))))
     rows = [[frame, identity, draw(cells), draw(cells)] for frame, identity in sorted(keys)]
     return np.array(rows, dtype=float).reshape(-1, 4)

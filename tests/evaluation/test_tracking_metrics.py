@@ -24,7 +24,7 @@ COUNTS = (
 
 @st.composite
 def tables(draw, frames=5, identities=4, extent=20):
-    """Rows of a few people over a few frames, each present or absent, anywhere on the grid."""
+    """Draw rows of a few people over a few frames, present or absent, anywhere on the grid."""
     cell = st.integers(-extent, extent).map(lambda value: value / GRID)
     keys = [(f, i) for f in range(frames) for i in range(identities)]
     present = draw(st.lists(st.sampled_from(keys), unique=True, max_size=len(keys)))
@@ -33,7 +33,7 @@ def tables(draw, frames=5, identities=4, extent=20):
 
 
 def continuous(seed, frames=12, people=6, noise=0.3, lost=0.2, clutter=3, swap=0.1):
-    """Generic trajectories (no two distances alike) with misses, clutter and identity changes."""
+    """Simulate trajectories (distinct distances) with misses, clutter and identity switches."""
     random = np.random.default_rng(seed)
     start, step = random.uniform(0, 5, (people, 2)), random.normal(0, 0.2, (people, 2))
     truth, predicted = [], []
@@ -62,7 +62,7 @@ def test_a_perfect_tracker_scores_one_hundred(truth, relabelled):
     if relabelled:
         predicted[:, 1] = 1000 - 3 * predicted[:, 1]
     metrics = evaluation.tracking_metrics(truth, predicted)
-    # Two people on one spot may be confused; anything else may not.
+    # Only two people on one spot may be confused.
     if len(np.unique(truth[:, [0, 2, 3]], axis=0)) < len(truth):
         assert metrics.fp == metrics.fn == 0
         return
@@ -101,7 +101,7 @@ def test_labels_frame_order_and_rigid_motion_do_not_matter(seed, angle):
     random = np.random.default_rng(seed + 1)
     moved = []
     for table in (truth, predicted):
-        # Within a frame the order is kept: it decides between two people who had the same id.
+        # Within a frame the order is kept: it decides between two people with the same id.
         shuffled = np.argsort(random.permutation(12)[table[:, 0].astype(int)], kind="stable")
         changed = table[shuffled]
         changed[:, 1] = random.permutation(1000)[changed[:, 1].astype(int)]
@@ -147,7 +147,7 @@ def test_combining_adds_the_counts(truth, predicted, other_truth, other_predicte
     combined = evaluation.combine_tracking(parts)
     for name, value in counts(combined).items():
         assert value == sum(getattr(part, name) for part in parts)
-    # The other sequence later, elsewhere and with other people is the same as a second one.
+    # The other sequence, moved to later frames, places and identities, acts as a second one.
     for table in (other_truth, other_predicted):
         table += np.array([100, 100, 0, 0])
     joined = evaluation.tracking_metrics(
@@ -159,7 +159,7 @@ def test_combining_adds_the_counts(truth, predicted, other_truth, other_predicte
 
 
 def accumulate(truth, predicted, frames):
-    """Metrics of the py-motmetrics package, or a skip where it does not run."""
+    """Compute metrics by py-motmetrics, or skip if it does not run."""
     motmetrics = pytest.importorskip("motmetrics")
     accumulator = motmetrics.MOTAccumulator(auto_id=True)
     with warnings.catch_warnings():
@@ -198,7 +198,7 @@ PERCENT = ("mota", "idf1", "idp", "idr", "precision", "recall")
 )
 def test_equals_an_independent_evaluator(seed, noise, lost, clutter, swap):
     truth, predicted = continuous(seed, noise=noise, lost=lost, clutter=clutter, swap=swap)
-    frames = range(13)  # one more than there are rows for
+    frames = range(13)  # one more than the rows have
     metrics = evaluation.tracking_metrics(truth, predicted, frames)
     for name, expected in accumulate(truth, predicted, frames).items():
         value = getattr(metrics, PACKAGE_NAMES.get(name, name))
@@ -246,7 +246,7 @@ def test_the_gate_includes_its_border():
 def test_mostly_tracked_and_lost(found, bucket):
     metrics = evaluation.tracking_metrics(one_person(range(10)), one_person(range(found)))
     assert getattr(metrics, bucket) == 1
-    assert metrics.fragmentations == 0  # what is never found again is no interruption
+    assert metrics.fragmentations == 0  # a person never found again is not an interruption
 
 
 def test_empty_inputs():

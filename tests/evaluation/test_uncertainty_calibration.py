@@ -11,7 +11,7 @@ from catfree.errors import InvalidInputError
 
 
 def simulate(seed, n=4000, reported=1.0):
-    """People 10 m apart, one a frame, with errors drawn from their own covariances."""
+    """Simulate people 10 m apart, one per frame, with errors drawn from their covariances."""
     random = np.random.default_rng(seed)
     truth = np.column_stack([np.arange(n), np.zeros(n), random.uniform(-5, 5, (n, 2))])
     factor = random.normal(0, 0.08, (n, 2, 2)) + 0.1 * np.eye(2)
@@ -35,7 +35,7 @@ def test_honest_covariances_cover_their_level(level):
 @pytest.mark.slow
 def test_overconfidence_is_seen_and_measured():
     coverage = evaluation.ellipse_coverage(*simulate(1, reported=0.5), threshold=5.0)
-    # With half the sigma the 95 % ellipse holds 1 - 0.05^(1/4) of a plane Gaussian.
+    # With half the sigma, the 95 % ellipse contains 1 - 0.05^(1/4) of a plane Gaussian.
     assert coverage.share == pytest.approx(1 - 0.05**0.25, abs=0.035)
     assert coverage.sigma_factor == pytest.approx(2.0, abs=0.1)
     assert "matched positions inside the 95 % ellipse" in str(coverage)

@@ -15,7 +15,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 @pytest.fixture(scope="session")
 def load_example():
-    """An example's module by its name."""
+    """Load an example's module by name."""
 
     def load(name):
         specification = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
@@ -28,7 +28,7 @@ def load_example():
 
 @pytest.fixture(scope="session")
 def write_sequence(tmp_path_factory):
-    """A simulated sequence in metres as uniform JSON; every 40th frame number is used."""
+    """Write a simulated sequence in meters as uniform JSON; every 40th frame number is used."""
 
     def write(frames, people):
         world = make_world("ring4", 3, frames=frames, people=people)
@@ -75,7 +75,7 @@ def write_sequence(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def rendered(tmp_path_factory):
-    """Three cameras' videos of a few walkers near them, and the world that they show."""
+    """Render videos of three cameras with a few walkers; also return the world."""
     layout = ring(3, image_size=(640, 360), people=5)
     world = make_world(layout, frames=60, people=5, standing=0.0)
     paths = render_videos(world, tmp_path_factory.mktemp("rendered"), workers=1, shadows="soft")

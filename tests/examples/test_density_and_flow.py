@@ -14,7 +14,7 @@ pytest.importorskip("pedpy", reason="PedPy is not installed")
 
 
 def column_of_walkers(people=6, frames=60) -> Tracks:
-    """People 2 m behind each other who walk 1 m/s along x, at 10 frames per second."""
+    """Make people 2 m behind each other who walk along x at 1 m/s, at 10 frames per second."""
     frame = np.repeat(np.arange(frames), people)
     person = np.tile(np.arange(people), frames)
     xy = np.column_stack([0.1 * frame - 2.0 * person + 0.05, np.full(len(frame), 1.0)])

@@ -8,7 +8,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "examples" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
-# Where something lies in memory or on somebody's disk: it would differ in every run.
+# Addresses in memory and paths on a disk, which differ in every run.
 PASSING = re.compile(r"0x[0-9a-f]{6,}|/(tmp|home|root|Users)/|[A-Z]:\\")
 
 
@@ -22,7 +22,7 @@ def code_cells(notebook):
 
 
 def kinds(notebook):
-    """What each code cell shows: text, pictures."""
+    """Return the outputs of each code cell: text and pictures."""
     return [
         [sorted(output.get("data", {})) or output.get("name") for output in cell.outputs]
         for cell in code_cells(notebook)

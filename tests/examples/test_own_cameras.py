@@ -16,7 +16,7 @@ def test_from_videos_to_a_report(load_example, rendered, monkeypatch, tmp_path, 
     load_example("own_cameras").main()
     assert "tracks; see" in capsys.readouterr().out
     rows = (out / "tracks.csv").read_text().splitlines()
-    # Somebody in most of the frames; the background of 20 pictures hides those who hardly move.
+    # Most frames have people; a background of 20 pictures hides people who hardly move.
     assert len(rows) > len(world.walkers.present)
     assert (out / "report.html").is_file()
     assert any((out / "cache").iterdir())

@@ -1,4 +1,4 @@
-"""The example of real footage: its score against a direct one, and its way through the stages."""
+"""The example of real footage: its score against a direct one, and all of its stages."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Every engine gives the same table: Dask, Ray, and processes one after another as on SLURM."""
+"""All executors give the same table: Dask, Ray, and successive processes as on SLURM."""
 
 import importlib.util
 import os
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Run a command in a folder that all share."""
+    """Run a command in a shared folder."""
     folder = tmp_path_factory.mktemp("engines")
     more = {
         "CATFREE": f"{sys.executable} -m catfree",

@@ -1,4 +1,4 @@
-"""Boxes come from a broker and from a folder of segments; positions go out while they come."""
+"""Boxes come from a broker and from a folder of segments; positions go out meanwhile."""
 
 import json
 import shutil
@@ -21,7 +21,7 @@ RATE = 5
 
 
 def free_port():
-    """A port of this machine that nobody listens on."""
+    """Find an unused port of this machine."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
@@ -29,7 +29,7 @@ def free_port():
 
 @pytest.fixture
 def broker(tmp_path):
-    """The port of a running mosquitto."""
+    """Return the port of a running mosquitto."""
     program = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
     if program is None:
         pytest.skip("needs the broker mosquitto (Debian: apt-get install mosquitto)")
@@ -49,7 +49,7 @@ def broker(tmp_path):
 
 
 def near(people, world, frame):
-    """The share of an instant's people that are within half a meter of a true position."""
+    """Compute the share of an instant's people within half a meter of a true position."""
     truth = world.ground_truth[world.ground_truth[:, 0] == frame][:, 2:4]
     found = np.array([(person["x"], person["y"]) for person in people])
     return np.mean([np.linalg.norm(found - at, axis=1).min() < 0.5 for at in truth])

@@ -1,4 +1,4 @@
-"""Both float types for every test that asks for `dtype`."""
+"""Both float types for every test that takes `dtype`."""
 
 import jax
 import numpy as np

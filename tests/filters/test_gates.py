@@ -28,7 +28,7 @@ rows = st.lists(
 
 
 def arrays(drawn, dtype=np.float32):
-    """Columns sigma, g, weighted support and candidate, padded with what must not matter."""
+    """Make columns sigma, g, weighted support and candidate, padded with irrelevant values."""
     sigma, distance, weight = np.full((3, SIZE), np.nan, dtype)
     candidate = np.zeros(SIZE, bool)
     for i, (s, g, w, is_candidate) in enumerate(drawn):
@@ -99,7 +99,7 @@ def test_order_and_unit_do_not_matter(gates, fixed_quantile, drawn, data):
     keep = np.asarray(run(*table).keep)
     np.testing.assert_array_equal(run(*(column[order] for column in table)).keep, keep[order])
     sigma, distance, weight, candidate = table
-    factor = np.float32(2.0**12)  # exact, so that nothing moves across a threshold by rounding
+    factor = np.float32(2.0**12)  # exact, so rounding moves nothing across a threshold
     np.testing.assert_array_equal(
         run(sigma * factor, distance * factor, weight, candidate).keep, keep
     )
@@ -171,7 +171,7 @@ def test_a_point_on_the_ground_passes_the_ground_gate(gates):
 
 def test_candidates_may_be_zeros_and_ones():
     sigma = np.array([1.0, 2.0, 30.0, 40.0])
-    unchecked = inspect.unwrap(filters.select)  # the tests' check of types comes before
+    unchecked = inspect.unwrap(filters.select)  # bypass the tests' type checks
     gates = unchecked(sigma, sigma, sigma, np.array([1, 1, 1, 0]))
     assert {mask.dtype for mask in gates[:4]} == {np.dtype(bool)}
     np.testing.assert_array_equal(gates.keep, [True, False, False, False])
@@ -183,7 +183,7 @@ def test_a_quantile_outside_its_range_is_an_error():
     one = np.ones(1, np.float32)
     with pytest.raises(InvalidInputError, match=r"fixed_quantile is 1\.5"):
         filters.select(one, one, one, one > 0, fixed_quantile=1.5)
-    unchecked = inspect.unwrap(filters.select)  # the tests' check of types comes before
+    unchecked = inspect.unwrap(filters.select)  # bypass the tests' type checks
     with pytest.raises(InvalidInputError, match="fixed_quantile is 'a'; it must be a finite numbe"):
         unchecked(one, one, one, one > 0, fixed_quantile="a")
 
@@ -208,6 +208,6 @@ def test_quantile_without_values(dtype):
 
 @pytest.mark.parametrize("gates", ["all", ["support"], None])
 def test_gates_that_do_not_exist_are_named_with_those_that_do(gates):
-    unchecked = inspect.unwrap(filters.select)  # as where no types are checked
+    unchecked = inspect.unwrap(filters.select)  # as without type checks
     with pytest.raises(InvalidInputError, match="uncertainty_then_ground"):
         unchecked(np.ones(2), np.ones(2), np.ones(2), np.ones(2, bool), gates=gates)

@@ -15,7 +15,7 @@ from catfree.filters._sample_arrays import as_sample, as_selection
 
 pytestmark = pytest.mark.slow
 
-SIZE = 12  # one shape, so that everything compiles once
+SIZE = 12  # one shape, which compiles once
 
 whole_numbers = st.lists(st.integers(-20, 20), min_size=1, max_size=SIZE)
 positive_numbers = st.lists(st.integers(1, 40), min_size=1, max_size=SIZE)
@@ -25,14 +25,14 @@ positive_floats = st.lists(
 
 
 def padded(sample, dtype, filler=np.nan):
-    """The sample in a fixed-size array, and which entries are the sample."""
+    """Put the sample in a fixed-size array; also return the mask of its entries."""
     values = np.full(SIZE, filler, dtype)
     values[: len(sample)] = sample
     return values, np.arange(SIZE) < len(sample)
 
 
 def exact_splits(sample):
-    """(criterion, lower, upper) of all splits between distinct neighbours, as fractions."""
+    """Return (criterion, lower, upper) of all splits between distinct neighbors, as fractions."""
     ordered = sorted(Fraction(v) for v in sample)
     splits = []
     for k in range(1, len(ordered)):
@@ -169,11 +169,11 @@ def test_otsu_by_hand(dtype, sample, expected):
     ("sample", "expected"),
     [
         ([1, 4, 10_000], 200),  # sqrt(4 * 10000)
-        ([0, 0, 1, 100], 10),  # zeros are below every threshold and no part of the estimate
+        ([0, 0, 1, 100], 10),  # zeros are below every threshold and not part of the estimate
         ([np.inf, 1, 100], 10),
         ([-3, 1, 100], 10),
         ([0.25], 0.25),
-        ([0.1, 0.1], 0.1),  # exactly the value, so that it passes its own threshold
+        ([0.1, 0.1], 0.1),  # exactly the value, which must pass its own threshold
     ],
 )
 def test_log_otsu_by_hand(dtype, sample, expected):
@@ -204,7 +204,7 @@ def test_whole_numbers_become_the_default_float():
 
 @pytest.mark.parametrize("values", [np.array([1j, 2]), np.array(["1", "2"])])
 def test_only_real_numbers_are_split(values):
-    unchecked = inspect.unwrap(filters.otsu)  # as where no types are checked
+    unchecked = inspect.unwrap(filters.otsu)  # as without type checks
     with pytest.raises(InvalidInputError, match="numbers"):
         unchecked(values)
 
@@ -221,7 +221,7 @@ def test_large_floats_do_not_overflow(dtype):
     largest = np.finfo(dtype).max / 100  # its square does not exist
     assert filters.otsu(np.array([0, largest / 4, largest], dtype)) > largest / 4
     assert np.isfinite(filters.log_otsu(np.array([largest / 4, largest], dtype)))
-    end = np.finfo(dtype).max  # twice of which does not exist
+    end = np.finfo(dtype).max  # twice this does not exist
     assert filters.otsu_separability(np.array([-end, -end, end], dtype)) > 0.99
     assert filters.otsu(np.array([-end, -end / 2, end], dtype)) > -end / 2
 

@@ -16,7 +16,7 @@ score_of = jax.jit(filters.auxiliary_score)
 
 
 def signals_of(seed, count=60):
-    """Signals of good and bad hypotheses; all columns tell them apart, with noise."""
+    """Draw signals of good and bad hypotheses, which all columns separate, with noise."""
     random = np.random.default_rng(seed)
     good = random.random(count) < 0.6
     strength = np.array([3, 1, 2, 0.5, 1, 2, 1])
@@ -174,7 +174,7 @@ def test_height_consistency_by_hand(dtype):
 
 @st.composite
 def views(draw):
-    """A camera above a ground of any attitude, and a standing person it looks at."""
+    """Draw a camera above a ground of any attitude, looking at a standing person."""
     random = np.random.default_rng(draw(st.integers(0, 10_000)))
     world, _ = np.linalg.qr(random.normal(size=(3, 3)))
     normal = world[:, 2]
@@ -251,13 +251,13 @@ def test_a_mask_of_another_length_is_an_error(signal):
 
 
 def test_a_column_too_few_is_an_error_not_another_signal():
-    unchecked = inspect.unwrap(filters.auxiliary_score)  # as where no types are checked
+    unchecked = inspect.unwrap(filters.auxiliary_score)  # as without type checks
     with pytest.raises(InvalidInputError, match="one column for each"):
         unchecked(np.zeros((4, 6)))
 
 
 def test_masks_of_cameras_hold_true_and_false_of_one_shape():
-    ratio = inspect.unwrap(filters.view_support_ratio)  # the tests' check of types comes before
+    ratio = inspect.unwrap(filters.view_support_ratio)  # bypass the tests' type checks
     assert ratio(np.array([1, 0, 1]), np.ones(3)) == np.float32(2 / 3)
     with pytest.raises(InvalidInputError, match=r"supporting\[0\] is neither true nor false"):
         ratio(np.array([2, 0, 3]), np.array([1, 1, 1]))

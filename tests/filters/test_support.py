@@ -26,7 +26,7 @@ def residual(position, origin, direction):
 
 @st.composite
 def views(draw):
-    """A position and rays of each camera that miss it by chosen angles, some absent."""
+    """Draw a position and rays of each camera that miss it by chosen angles, some absent."""
     coordinate = st.floats(-20, 20, width=32)
     position = np.array(draw(st.tuples(coordinate, coordinate, coordinate)))
     origins, directions = np.zeros((CAMERAS, 3)), np.full((CAMERAS, RAYS, 3), np.nan)
@@ -42,7 +42,7 @@ def views(draw):
         )
         origins[c] = position - towards * draw(st.floats(0.5, 40))
         side = unit(np.cross(towards, [-np.sin(azimuth), np.cos(azimuth), 0.3]))
-        # No two angles alike and none at the radius, where rounding would decide; ties are below.
+        # All angles differ and none is at the radius, where rounding would decide; ties are below.
         steps = draw(st.lists(st.integers(-28, 28), max_size=RAYS, unique_by=abs))
         for d, step in enumerate(steps):
             angle = step / 9.5 * RADIUS
@@ -92,7 +92,7 @@ def test_order_of_cameras_does_not_matter(view, data):
 
 
 def looking_at(*angles):
-    """Rays in the x-y plane from the origin, by their angle to the x axis."""
+    """Make rays in the x-y plane from the origin, by angle to the x axis."""
     return np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], -1)[None]
 
 
@@ -102,7 +102,7 @@ def looking_at(*angles):
     [
         ([0.0, 0.01], [0.5, 0.9], 1),  # the more reliable ray, though not the nearest
         ([0.01, 0.005], [0.5, 0.5], 1),  # equal weights: the nearest
-        ([0.01, -0.01], [0.5, 0.5], 0),  # equal all over: the first
+        ([0.01, -0.01], [0.5, 0.5], 0),  # equal in everything: the first
         ([0.03, 0.0], [0.9, 0.1], 1),  # outside of the radius
         ([0.03, 0.05], [1, 1], -1),
         ([0.0, 0.0], [0, 0], -1),  # absent
@@ -116,7 +116,7 @@ def test_support_by_hand(dtype, angles, weights, expected):
 
 
 def test_arrays_that_would_broadcast_are_named():
-    unchecked = inspect.unwrap(filters.support)  # the tests' check of shapes comes before
+    unchecked = inspect.unwrap(filters.support)  # bypass the tests' shape checks
     origins, directions, weights = np.zeros((2, 3)), np.zeros((2, 4, 3)), np.zeros((2, 4))
     for arguments, message in (
         ((np.zeros(2), origins, directions, weights), "position must have shape"),

@@ -1,4 +1,4 @@
-"""Greedy suppression against a loop, and what it promises."""
+"""Greedy suppression against a loop, and its guarantees."""
 
 import inspect
 
@@ -14,7 +14,7 @@ SIZE = 12
 suppress = jax.jit(filters.suppress)
 outside = jax.jit(filters.outside)
 
-# On a grid of whole numbers distances equal to the radius, and ties, are common.
+# On an integer grid, ties and distances equal to the radius are common.
 places = st.lists(
     st.tuples(st.integers(0, 8), st.integers(0, 8), st.integers(0, 3), st.integers(0, 3)),
     max_size=SIZE,
@@ -23,7 +23,7 @@ radii = st.sampled_from([0.0, 1.0, 1.5, 2.0, 5.0])
 
 
 def arrays(drawn, dtype=np.float32):
-    """Positions, two-column priority and mask, padded with NaN."""
+    """Draw positions, two-column priority and mask, padded with NaN."""
     values = np.full((SIZE, 4), np.nan, dtype)
     values[: len(drawn)] = np.array(drawn, dtype).reshape(-1, 4)
     return values[:, :2], values[:, 2:], np.arange(SIZE) < len(drawn)
@@ -98,7 +98,7 @@ def test_suppressing_twice_changes_nothing(drawn, radius):
 
 @pytest.mark.slow
 def test_a_chain_by_hand(dtype):
-    # Each of a chain is in reach of the next only: the strongest end keeps every second one.
+    # In a chain, each reaches only the next: the strongest end keeps every second one.
     positions = np.stack([np.arange(6), np.zeros(6)], -1).astype(dtype)
     falling = np.arange(6, 0, -1).astype(dtype)
     assert filters.suppress(positions, falling, 1.0).tolist() == [True, False] * 3
@@ -170,7 +170,7 @@ def test_any_kind_of_number_is_a_radius(radius):
     ],
 )
 def test_the_shapes_that_do_not_fit_are_named(positions, priority):
-    unchecked = inspect.unwrap(filters.suppress)  # the tests' check of shapes comes before
+    unchecked = inspect.unwrap(filters.suppress)  # bypass the tests' shape checks
     with pytest.raises(InvalidInputError, match="one priority each"):
         unchecked(np.zeros(positions), np.zeros(priority), 1.0)
 

@@ -82,10 +82,10 @@ def test_persistence_by_hand(convert):
     tracklet = convert(
         np.array(
             [
-                [1, 2, 3],  # its pair (1, 2) comes again in frame 1
+                [1, 2, 3],  # its pair (1, 2) recurs in frame 1
                 [1, 2, 4],
-                [1, -1, 5],  # (1, 5) is seen in frame 1 only
-                [8, 9, -1],  # twice, but in one frame
+                [1, -1, 5],  # (1, 5) is seen only in frame 1
+                [8, 9, -1],  # twice, but in the same frame
                 [8, 9, -1],
             ],
             np.int32,
@@ -119,7 +119,7 @@ def test_nothing_to_compare():
 def test_a_mask_that_is_none_is_named(where, message):
     frame, tracklet = np.array([0, 1]), np.array([[5, 6], [5, 6]])
     for function in (filters.temporally_consistent, filters.frames_of_pairs):
-        unchecked = inspect.unwrap(function)  # the tests' check of types comes before
+        unchecked = inspect.unwrap(function)  # bypass the tests' type checks
         with pytest.raises(InvalidInputError, match=message):
             unchecked(frame, tracklet, where)
 
@@ -135,7 +135,7 @@ def test_a_mask_that_is_none_is_named(where, message):
     ],
 )
 def test_what_is_no_table_of_tracklets_is_named(monkeypatch, frame, tracklet, message):
-    # The tests' check of types comes before.
+    # Bypass the tests' type checks.
     consistent, count = map(
         inspect.unwrap, (filters.temporally_consistent, filters.frames_of_pairs)
     )

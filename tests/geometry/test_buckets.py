@@ -1,4 +1,4 @@
-"""Padded lengths: long enough, never longer than promised, and few."""
+"""Padded lengths: long enough, never longer than guaranteed, and few."""
 
 import jax
 import numpy as np

@@ -32,7 +32,7 @@ losses = pytest.mark.parametrize("loss", list(LOSSES))
 
 
 def residuals(unknowns, args):
-    """Nonlinear sightings of 2-vectors, priors on everything, some of them between the views."""
+    """Define nonlinear sightings of 2-vectors and priors on everything, some between views."""
     uncertain, (measured, weight, start) = args
 
     def sighting(view, block):
@@ -54,7 +54,7 @@ def problem(unknowns, args, loss):
 
 
 def edge_problem(unknowns, args):
-    """The loss of each component of a sighting instead of its length."""
+    """Apply the loss to each component of a sighting instead of its length."""
     whole = residuals(unknowns, args)
     return robust(whole._replace(sighting=whole.sighting.swapaxes(2, 3)), LOSSES["cauchy"])
 
@@ -63,7 +63,7 @@ PROBLEMS = {loss: partial(problem, loss=loss) for loss in LOSSES} | {"edges": ed
 
 
 def drawn(seed, blocks=BLOCKS, noise=0.05):
-    """A start and the arguments of a problem; some sightings are absent, some are wrong."""
+    """Draw a start and a problem's arguments, with some sightings absent and some wrong."""
     rng = np.random.default_rng(seed)
     truth = Unknowns(rng.normal(0.8, 0.1, (VIEWS, 3)), rng.normal(0, 1, (blocks, 2)))
     start = jax.tree.map(lambda a: a + 0.05 * rng.standard_normal(a.shape), truth)
@@ -107,7 +107,7 @@ def step_of(equations, damping):
 
 @partial(jax.jit, static_argnames="loss")
 def dense_jacobian(start, args, loss):
-    """(R, n) derivatives of all reweighted residuals and the residuals themselves (R,)."""
+    """Return (R, n) derivatives of all reweighted residuals, and the residuals (R,)."""
 
     def stacked(values):
         aux = PROBLEMS[loss](unflat(values), args)[1]

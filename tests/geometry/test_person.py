@@ -1,4 +1,4 @@
-"""The box of a standing person: OpenCV's projections, finite differences, the way back."""
+"""The box of a standing person: OpenCV's projections, finite differences, and the inverse."""
 
 import cv2
 import jax
@@ -29,7 +29,7 @@ derivatives = jax.jit(jax.jacfwd(box_edges, (0, 1, 2, 3)))
 
 
 def drawn(seed):
-    """A camera (K, R, t, center) that looks at a person (3,) from some meters away."""
+    """Draw a camera (K, R, t, center) that looks at a person (3,) from some meters away."""
     rng = np.random.default_rng(seed)
     person = np.append(rng.uniform(-3, 3, 2), rng.uniform(1.4, 2.0))
     center = np.append(person[:2] + rng.uniform(4, 9) * np.array([0, -1]), rng.uniform(1, 4))

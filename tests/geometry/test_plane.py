@@ -69,7 +69,7 @@ def test_rays_that_miss_the_plane_are_finite_and_invalid(direction):
 
 @st.composite
 def clouds(draw, count=8):
-    """Points near a floor-like plane, thin in one direction only."""
+    """Draw points near a floor-like plane, thin in only one direction."""
     flat = draw(hnp.arrays(np.float64, (count, 2), elements=st.floats(-5, 5)))
     height = draw(hnp.arrays(np.float64, count, elements=st.floats(-0.3, 0.3)))
     weights = draw(hnp.arrays(np.float64, count, elements=st.floats(0.1, 1)))
@@ -139,7 +139,7 @@ def test_points_without_a_plane_give_finite_values_and_gradients(points):
 
 
 def scene_cloud(rng, floor=300, clutter=200):
-    """A floor with 2 cm of noise and clutter up to 3 m above it."""
+    """Draw a floor with 2 cm of noise, and clutter up to 3 m above it."""
     ground = np.column_stack([rng.uniform(-8, 8, (floor, 2)), rng.normal(0, 0.02, floor)])
     above = rng.uniform([-8, -8, 0.3], [8, 8, 3], (clutter, 3))
     return np.concatenate([ground, above])
@@ -214,7 +214,7 @@ def test_ransac_leaves_out_points_that_are_not_finite():
 
 def test_lists_of_points_are_points():
     floor, key = [[0, 0, 2], [5, 0, 2], [0, 5, 2], [5, 5, 2]], jax.random.key(0)
-    # The tests' check of types comes before.
+    # Bypass the tests' type checks.
     fit, ransac = (inspect.unwrap(f) for f in (geometry.fit_plane, geometry.fit_plane_ransac))
     for plane in (fit(floor), fit(floor, [1, 1, 1, 0]), ransac(floor, key).plane):
         np.testing.assert_allclose(np.abs(plane.normal), [0, 0, 1], atol=1e-6)
@@ -231,7 +231,7 @@ def test_lists_of_points_are_points():
     ],
 )
 def test_what_is_not_a_plane_is_told_so(function, arguments):
-    unchecked = inspect.unwrap(function)  # the tests' check of types comes before
+    unchecked = inspect.unwrap(function)  # bypass the tests' type checks
     with pytest.raises(InvalidInputError, match="plane must be a Plane, got NoneType"):
         unchecked(*arguments)
 

@@ -198,7 +198,7 @@ def test_equal_singular_values_differentiate(x64):
     cube = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     gradient = fit_reverse(cube, cube, np.ones(6))
     assert all(np.isfinite(g).all() for g in gradient)
-    # Turning the targets about z turns the rotation as much.
+    # Turning the targets about z turns the rotation by the same angle.
     velocity = np.cross([0.0, 0, 1], cube)
     change = np.einsum("onk,nk->o", gradient[1], velocity)[1:10].reshape(3, 3)
     np.testing.assert_allclose(change, [[0, -1, 0], [1, 0, 0], [0, 0, 0]], atol=1e-12)
@@ -264,9 +264,7 @@ def test_a_scene_moves_under_tracing():
     ("source", "target"), [((0, 3), (0, 3)), ((4, 3), (5, 3)), ((4, 3), (4, 2))]
 )
 def test_the_fit_names_arrays_that_are_no_pairs(source, target):
-    fit = jax.jit(
-        inspect.unwrap(geometry.fit_similarity)
-    )  # the tests' check of shapes comes before
+    fit = jax.jit(inspect.unwrap(geometry.fit_similarity))  # bypass the tests' shape checks
     with pytest.raises(InvalidInputError, match="pairs"):
         fit(np.zeros(source), np.zeros(target))
 

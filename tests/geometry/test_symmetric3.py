@@ -1,4 +1,4 @@
-"""Closed-form 3x3 systems against LAPACK."""
+"""Closed-form 3x3 systems, compared with LAPACK."""
 
 import jax
 import jax.numpy as jnp

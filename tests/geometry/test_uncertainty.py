@@ -22,19 +22,19 @@ FLOOR = Plane(np.array([0.0, 0, 1]), 0.0)
 
 @st.composite
 def sightings(draw, count=4):
-    """A position and cameras above it, some of them absent, seen along exact rays."""
+    """Draw a position and exact rays of cameras above it, some of them absent."""
     position = draw(hnp.arrays(np.float64, 3, elements=st.floats(-5, 5)))
     offsets = draw(hnp.arrays(np.float64, (count, 3), elements=st.floats(-10, 10)))
     weights = draw(hnp.arrays(np.float64, count, elements=st.floats(0.05, 1)))
     distance = np.linalg.norm(offsets, axis=1)
     assume((distance > 1).all())
     directions = -offsets / distance[:, None]
-    # Otherwise sigma is infinite, which has its own tests.
+    # Otherwise sigma is infinite, which other tests cover.
     assume(np.linalg.eigvalsh(len(offsets) * np.eye(3) - directions.T @ directions)[0] > 1e-3)
     return position, position + offsets, directions, weights
 
 
-# Compiled once a shape and dtype.
+# Compiled once per shape and dtype.
 information = jax.jit(geometry.information)
 ground_sigma = jax.jit(geometry.ground_sigma)
 ground_covariance = jax.jit(geometry.ground_covariance)
@@ -201,7 +201,7 @@ def test_float32_agrees_with_float64_far_from_the_origin(x64, case, scale):
 
 
 def test_sigma_predicts_the_error_of_noisy_rays():
-    """Monte Carlo: isotropic angular noise, weighted by the inverse squared distance."""
+    """Draw isotropic angular noise, weighted by the inverse squared distance."""
     rng = np.random.default_rng(5)
     rigs, trials, cameras, noise = 40, 4000, 4, 0.005
     sigma_of, error_of = [], []
@@ -232,7 +232,7 @@ def test_sigma_predicts_the_error_of_noisy_rays():
 
 
 def test_what_is_no_position_or_no_deviation_is_named():
-    unchecked = inspect.unwrap(geometry.information)  # the tests' check of shapes comes before
+    unchecked = inspect.unwrap(geometry.information)  # bypass the tests' shape checks
     rays = np.zeros((3, 3)), np.eye(3), np.ones(3)
     for position, deviation, message in (
         (np.ones(1), 0.01, r"position must have shape \(3,\), got \(1,\)"),
@@ -244,7 +244,7 @@ def test_what_is_no_position_or_no_deviation_is_named():
 
 
 def test_wildtrack_sigma_by_number_of_cameras(shared):
-    """Medians over people in the area, seen by the first k cameras that have them in the image."""
+    """Compute medians over people in the area, seen by the first k cameras that can see them."""
     record = json.loads((shared / "data/real/wildtrack_0_715.json").read_text())
     K, R, t = (np.array([c[k] for c in record["cameras"]], np.float32) for k in "KRt")
     origins = -np.einsum("cji,cj->ci", R, t)

@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 
 import catfree as cf
 
-# The folder `benchmarks` is no installed package: it is imported from the checkout's root.
+# `benchmarks` is not an installed package, so import it from the checkout's root.
 from benchmarks import fit_reliability
 from catfree._run._cache import from_arrays, to_arrays
 from catfree._run._report import describe_reliability

@@ -64,7 +64,7 @@ def test_grids_of_rays_give_what_their_lenses_give(world, method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_fisheyes_find_the_people_that_pinholes_find(world, method):
-    """And as well, within a few centimetres; `benchmarks/lenses.py` has longer worlds."""
+    """And as well, within a few centimeters; `benchmarks/lenses.py` has longer worlds."""
     pinholes = make_world(shop(fisheye=False), 3, frames=12, people=6, background=0)
     through, straight = (
         errors(one, cf.localize(one.detections, one.scene, METHODS[method]))

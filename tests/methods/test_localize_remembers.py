@@ -144,7 +144,7 @@ def straight_walk(step: int) -> tuple[Detections, Scene, np.ndarray, np.ndarray]
     """Boxes of five people who walk straight on through the middle at 0.6 m in `step` frames.
 
     Returns:
-        The boxes; the scene, in metres; (F, 5, 2) where they are; (5, 2) velocity per frame number.
+        The boxes; the scene, in meters; (F, 5, 2) where they are; (5, 2) velocity per frame number.
     """
     rig, rng = world().true_rig, np.random.default_rng(0)
     angle = 2 * np.pi * np.arange(5) / 5

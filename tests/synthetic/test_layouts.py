@@ -127,6 +127,6 @@ def test_unknown_layouts_are_named(name):
     ],
 )
 def test_what_makes_no_layout_or_world_is_named(make, options, message):
-    unchecked = inspect.unwrap(make)  # the tests' check of types comes before
+    unchecked = inspect.unwrap(make)  # bypass the tests' type checks
     with pytest.raises(InvalidInputError, match=message):
         unchecked(**options)

@@ -144,7 +144,7 @@ def test_a_rotation_vector_turns_by_a_full_turn_at_most():
 
 def test_wrong_types_are_named(rig, tmp_path):
     path = write_anipose_toml(tmp_path / "calibration.toml", rig, NAMES)
-    unchecked = inspect.unwrap(default_names)  # as where no types are checked
+    unchecked = inspect.unwrap(default_names)  # as without type checks
     with pytest.raises(InvalidInputError, match="names must be a list, got int"):
         unchecked(rig, 4)
     with pytest.raises(InvalidInputError, match="ground must be a Plane, got list"):

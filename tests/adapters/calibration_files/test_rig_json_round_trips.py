@@ -306,7 +306,7 @@ def test_colmap_text_example(tmp_path):
     named = read_colmap(tmp_path)
     assert named.names == ("east.png", "north.png", "west view.png")
     rig = named.rig
-    # COLMAP's principal point 320.5 is catfree's 320: pixel centres at 0.5 against 0.
+    # COLMAP's principal point 320.5 is catfree's 320: pixel centers at 0.5 against 0.
     np.testing.assert_array_equal(rig.K[0], [[500, 0, 320], [0, 500, 240], [0, 0, 1]])
     np.testing.assert_array_equal(rig.K[2], [[900, 0, 960], [0, 910, 540], [0, 0, 1]])
     np.testing.assert_allclose(rig.R[2], QUARTER, atol=1e-15)

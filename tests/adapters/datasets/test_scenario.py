@@ -112,7 +112,7 @@ def test_real_scenarios(name, shared):
     assert sequence.points.shape == (3600, 3)
     height = scene.ground.signed_distance(np.asarray(scene.rig.centers))
     assert (height > 0).all()
-    # The ground truth is in metres, so distances between centres differ by one scale only.
+    # The ground truth is in meters, so distances between centers differ by one scale only.
     distances = [
         np.linalg.norm(c[:, None] - c[None], axis=-1)[np.triu_indices(len(c), 1)]
         for c in (np.asarray(scene.rig.centers), sequence.true_centres)

@@ -264,7 +264,7 @@ def test_real_sequences(name, shared):
     assert abs(float(sequence.scene.extent) - extent) < 0.1
     assert np.isin(sequence.detections.frame, sequence.frames).all()
     assert np.isin(sequence.ground_truth[:, 0], sequence.frames).all()
-    assert (np.asarray(sequence.scene.rig.centers)[:, 2] > 1).all()  # metres above the ground
+    assert (np.asarray(sequence.scene.rig.centers)[:, 2] > 1).all()  # meters above the ground
 
 
 def test_true_positions_fall_into_the_annotated_boxes(shared):

@@ -34,7 +34,7 @@ def test_anchors_of_each_stride_decode_by_hand(constant_graph):
 
 @pytest.mark.parametrize(("width", "height"), [(128, 128), (127, 51), (31, 90)])
 def test_the_letterbox_starts_at_the_top_left(constant_graph, width, height):
-    out = head(0, [1, 1, np.log(1), np.log(1), 1, 1])  # centre (8, 8), size 8
+    out = head(0, [1, 1, np.log(1), np.log(1), 1, 1])  # center (8, 8), size 8
     path = constant_graph([1, 3, 64, 64], {"output": out})
     found = YoloxOnnx(path)(np.zeros((height, width, 3), np.uint8))
     scale = min(64 / width, 64 / height)

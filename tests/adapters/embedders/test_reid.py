@@ -12,7 +12,7 @@ from catfree.errors import FileFormatError, InvalidInputError
 
 @pytest.fixture
 def mean_colour(tmp_path):
-    """Write a graph whose vector is the mean colour of its input: it shows the network's input."""
+    """Write a graph whose vector is the mean color of its input: it shows the network's input."""
 
     def write(batch=1, producer="pytorch"):
         graph = helper.make_graph(

@@ -31,7 +31,7 @@ class BrightSpot:
 
 
 def write_folders(path, cameras=2, frames=12):
-    """A red block on grey that walks to the right, gone at every fourth frame."""
+    """A red block on gray that walks to the right, gone at every fourth frame."""
     for camera in range(cameras):
         (path / f"c{camera}").mkdir()
         for frame in range(frames):
@@ -171,7 +171,7 @@ def test_detectors_that_answer_something_else_are_named(people, message, tmp_pat
     ],
 )
 def test_what_is_no_detector_or_embedder_is_named(part, message, tmp_path):
-    unchecked = inspect.unwrap(detect_videos)  # the tests' check of types comes before
+    unchecked = inspect.unwrap(detect_videos)  # bypass the tests' type checks
     videos = write_folders(tmp_path, frames=1)
     with pytest.raises(InvalidInputError, match="^detector " + message):
         unchecked(videos, part)

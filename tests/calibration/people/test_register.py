@@ -74,7 +74,7 @@ def assert_without(detections, camera, centers):
     apart = [np.linalg.norm(at[:, None] - at, axis=-1) for at in (one, other)]
     np.testing.assert_allclose(*apart, atol=0.05)
     np.testing.assert_allclose(one[:, 2], other[:, 2], atol=0.05)
-    # As for the whole rig: a decimetre or two.
+    # As for the whole rig: a decimeter or two.
     assert center_errors(found, centers)[0].mean() < 0.3
 
 

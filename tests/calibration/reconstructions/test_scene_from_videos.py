@@ -66,7 +66,7 @@ def test_a_reconstructor_that_returns_something_else_is_named(tmp_path):
     videos, half = SynchronizedVideos(folders), Half(rig, None, None)
     with pytest.raises(InvalidInputError, match="What Half returns must be a Reconstruction"):
         scene_from_videos(videos, half, instants=1)
-    unchecked = inspect.unwrap(scene_from_videos)  # the tests' check of types comes before
+    unchecked = inspect.unwrap(scene_from_videos)  # bypass the tests' type checks
     for videos_given, reconstructor, instants, message in (
         (folders, half, 1, "videos must be a SynchronizedVideos, got list"),
         (videos, Half, 1, r"reconstructor is the class Half. Pass an instance of it: Half\(...\)"),

@@ -1,4 +1,4 @@
-"""The fisheye lens: against OpenCV, inverse beyond 180 degrees, degenerate input."""
+"""The fisheye lens: OpenCV, inverse beyond 180 degrees, degenerate input."""
 
 import cv2
 import jax
@@ -44,7 +44,7 @@ def test_rays_agree_with_opencv(x64, lens, angle, turn):
     pixel = np.asarray(fisheye_pixel(K, direction(angle, turn), lens)[0])
     ideal = cv2.fisheye.undistortPoints(pixel[None, None], K, lens).reshape(2)
     ray = fisheye_ray(K, pixel, lens)
-    # OpenCV stops its iterations at an angle of 1e-8.
+    # OpenCV stops iterating at an angle of 1e-8.
     np.testing.assert_allclose(np.cross(ray, np.append(ideal, 1)), 0, atol=1e-6)
 
 

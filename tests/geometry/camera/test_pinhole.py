@@ -1,4 +1,4 @@
-"""The pinhole camera and its lens: against OpenCV, inverse, derivatives, degenerate input."""
+"""The pinhole camera and its lens: OpenCV, inverse, derivatives, degenerate input."""
 
 import inspect
 
@@ -143,7 +143,7 @@ def test_points_beside_and_behind_a_camera_project_to_something_finite(point):
 
 @pytest.mark.parametrize("count", [4, 6, 12])
 def test_a_lens_with_another_number_of_coefficients_is_refused(count):
-    unchecked = inspect.unwrap(camera.distort)  # as where no types are checked
+    unchecked = inspect.unwrap(camera.distort)  # as without type checks
     with pytest.raises(InvalidInputError, match="k1, k2, p1, p2, k3"):
         unchecked(np.array([0.3, 0.2]), np.zeros(count))
 
@@ -152,7 +152,7 @@ def test_undistortion_reads_lists_and_either_byte_order():
     point, lens = np.array([0.1, 0.2], np.float32), WIDE_LENS.astype(np.float32)
     wanted = geometry.undistort(point, lens)
     assert (geometry.undistort(point.astype(">f4"), lens.astype(">f4")) == wanted).all()
-    plain = inspect.unwrap(geometry.undistort)  # the tests' check of types comes before
+    plain = inspect.unwrap(geometry.undistort)  # bypass the tests' type checks
     np.testing.assert_allclose(plain(point.tolist(), lens.tolist()), wanted, rtol=1e-6)
 
 

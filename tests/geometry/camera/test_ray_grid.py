@@ -1,4 +1,4 @@
-"""Grids of rays: against the lenses that they sample, inverse, derivatives, degenerate input."""
+"""Grids of rays: comparison with the sampled lenses, inverse, derivatives, degenerate input."""
 
 import jax
 import numpy as np
@@ -16,7 +16,7 @@ ray_jacobian = jax.jit(jax.jacrev(camera.grid_ray, 2))
 
 
 def panorama(pixel: np.ndarray) -> np.ndarray:
-    """Rays of an equirectangular picture: columns are longitudes, rows are latitudes."""
+    """Return rays of an equirectangular picture: columns are longitudes, rows are latitudes."""
     longitude = ((pixel[..., 0] + 0.5) / SIZE[0] - 0.5) * 2 * np.pi
     latitude = ((pixel[..., 1] + 0.5) / SIZE[1] - 0.5) * np.pi
     level = np.cos(latitude)
@@ -36,7 +36,7 @@ def nodes(columns: int, rows: int) -> np.ndarray:
 
 GRID = panorama(nodes(65, 49))
 
-# Away from the seam, where two pixels share one ray, and the poles, where a row does.
+# Away from the seam, where two pixels share a ray, and the poles, where a row shares one.
 pixels = st.tuples(st.floats(40, 1960), st.floats(60, 940)).map(np.array)
 
 

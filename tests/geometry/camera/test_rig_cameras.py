@@ -18,7 +18,7 @@ FISHEYE = np.array([0.02, -0.005, 0.001, 0, 0, 0, 0, 0])
 
 
 def mixed() -> Rig:
-    """Three cameras of one pose each: a bent pinhole, a fisheye, and the fisheye as rays."""
+    """Make three cameras: a distorted pinhole, a fisheye, and the fisheye as rays."""
     given = parameters()
     u, v = np.meshgrid(np.linspace(-0.5, 639.5, 33), np.linspace(-0.5, 479.5, 33))
     pixels = np.stack([u, v], -1).reshape(-1, 2)

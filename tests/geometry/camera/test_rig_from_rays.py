@@ -1,4 +1,4 @@
-"""Rigs of any rays: a panorama, a fisheye, and what is refused."""
+"""Rigs from any rays: a panorama, a fisheye, and refused input."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ SIZE = (2000, 1000)
 
 
 def panorama(camera: int, pixels: np.ndarray) -> np.ndarray:
-    """Rays of an equirectangular picture: columns are longitudes, rows are latitudes."""
+    """Return rays of an equirectangular picture: columns are longitudes, rows are latitudes."""
     longitude = ((pixels[:, 0] + 0.5) / SIZE[0] - 0.5) * 2 * np.pi
     latitude = ((pixels[:, 1] + 0.5) / SIZE[1] - 0.5) * np.pi
     level = np.cos(latitude)
@@ -64,7 +64,7 @@ def test_rays_that_jump_are_refused():
     R, t = poses(2)
 
     def halves(camera: int, pixels: np.ndarray) -> np.ndarray:
-        """Every pixel row of camera 1 looks the other way."""
+        """Turn every pixel row of camera 1 to the other side."""
         rays = panorama(camera, pixels)
         return np.where(camera * (pixels[:, 1:] // 3 % 2) > 0, -rays, rays)
 

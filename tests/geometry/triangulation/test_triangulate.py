@@ -1,4 +1,4 @@
-"""Triangulation: laws on drawn rays, SciPy as the judge of the minimum, degenerate input."""
+"""Triangulation: laws on drawn rays, the minimum compared with SciPy's, degenerate input."""
 
 import inspect
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 DELTA = 0.2
 
-# Compiled once a shape and dtype.
+# Compiled once per shape and dtype.
 triangulate = jax.jit(geometry.triangulate)
 triangulate_once = jax.jit(lambda *case: geometry.triangulate(*case, refit=False))
 triangulate_batch = jax.jit(jax.vmap(geometry.triangulate, (0, 0, 0, None)))
@@ -33,14 +33,14 @@ def position_of(origins, directions, weights):
 
 @jax.jit
 def jacobians(*case):
-    """Of the position in reverse and in forward mode."""
+    """Derivatives of the position agree in reverse and forward mode."""
     arguments = (0, 1, 2)
     return jax.jacrev(position_of, arguments)(*case), jax.jacfwd(position_of, arguments)(*case)
 
 
 @st.composite
 def sightings(draw, count=4, noise=0.02):
-    """A person and cameras around it with noisy rays in general position."""
+    """Draw a person and surrounding cameras with noisy rays in general position."""
     person = draw(hnp.arrays(np.float64, 3, elements=st.floats(-5, 5)))
     offsets = draw(hnp.arrays(np.float64, (count, 3), elements=st.floats(-10, 10)))
     errors = draw(hnp.arrays(np.float64, (count, 3), elements=st.floats(-noise, noise)))
@@ -90,7 +90,7 @@ def test_no_other_point_has_a_smaller_loss(x64, case):
 
 
 def robust_residuals(position, case):
-    """Vectors whose squared lengths sum to twice Huber's loss."""
+    """Return vectors whose squared lengths sum to twice Huber's loss."""
 
     def of_ray(origin, direction, weight):
         sight = position - origin
@@ -109,12 +109,12 @@ def half_squares(position, case):
 
 @jax.jit
 def by_optimistix(start, *case):
-    """The minimizer of a dense solver, and its derivatives."""
+    """Return the minimizer of a dense solver, and its derivatives."""
     solver = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
 
     def minimizer(origins, directions, weights):
         case = origins, directions, weights
-        # Where two far rays have nearly equal weights, the loss is flat and every step short.
+        # If two far rays have nearly equal weights, the loss is flat and every step short.
         return optx.least_squares(
             robust_residuals, solver, start, case, max_steps=400, throw=False
         ).value
@@ -136,7 +136,7 @@ def test_minimizer_and_derivatives_are_those_of_optimistix(x64, case):
     dense, dense_slopes = by_optimistix(least_squares(*case), *case)
     best = huber_loss(np.asarray(position), *case)
     assert best <= huber_loss(np.asarray(dense), *case) + 1e-10
-    # Where the loss is curved there is one minimizer; its slope has a kink where a ray is at delta.
+    # A curved loss has one minimizer, whose derivative has a kink where a ray is at delta.
     near = ray_distances(np.asarray(position), case[0], case[1])
     curvature = np.linalg.eigvalsh(jax.hessian(half_squares)(position, case))[0]
     assume(curvature > 0.02 and (np.abs(near - DELTA) > 1e-3).all())
@@ -172,8 +172,8 @@ def test_refit_is_the_robust_fit_of_the_inliers_alone(x64, case):
         found = np.asarray(refitted.position)
         losses = [huber_loss(at, origins, directions, kept) for at in (found, alone)]
         assert losses[0] == pytest.approx(losses[1], abs=1e-9)
-        # Where the loss is flat, any point of a line or between two lines fits as well as another;
-        # it becomes flat where a ray is at delta.
+        # Where the loss is flat, all points of a line, or between two lines, fit equally well; it
+        # becomes flat where a ray is at delta.
         near = ray_distances(found, origins, directions)[kept > 0]
         curvature = jax.hessian(half_squares)(refitted.position, (origins, directions, kept))
         if np.linalg.eigvalsh(curvature)[0] > 1e-6 and (np.abs(near - DELTA) > 1e-3).all():
@@ -234,7 +234,7 @@ def test_a_batch_under_jit_gives_what_single_calls_give(x64, case):
 
 
 def test_large_batches_are_cut_and_packed_without_a_trace():
-    # More than a block; an eighth has an absent ray, a third a wrong one.
+    # More than one block; an eighth have an absent ray, a third a wrong one.
     count, rng = 16384 + 100, np.random.default_rng(0)
     origins = rng.uniform(-10, 10, (count, 5, 3))
     directions = rng.uniform(-2, 2, (count, 1, 3)) - origins
@@ -246,7 +246,7 @@ def test_large_batches_are_cut_and_packed_without_a_trace():
     batch = [array.astype(np.float32) for array in (origins, directions, weights)]
     found = triangulate_batch(*batch, DELTA)
     assert np.isfinite(found.position).all()
-    # Each of these is padded, and packed as it converges, in its own way.
+    # Each is padded, and repacked during convergence, in a different way.
     for first, size in ((0, 64), (64, 500), (564, 3000), (3564, 12920)):
         rows = slice(first, first + size)
         apart = triangulate_batch(*(array[rows] for array in batch), DELTA)
@@ -359,7 +359,7 @@ def test_what_are_no_rays_of_one_person_is_refused():
     rays = origins, np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, -1]]), np.ones(3)
     long = rays[1] * [[1], [3], [1]]
     absent = np.array([1.0, 0, 1])
-    robust, squares, information = map(  # as where no types are checked
+    robust, squares, information = map(  # as without type checks
         inspect.unwrap,
         (geometry.triangulate, geometry.triangulate_least_squares, geometry.information),
     )
@@ -370,7 +370,7 @@ def test_what_are_no_rays_of_one_person_is_refused():
     ):
         np.testing.assert_array_equal(
             function(origins, long, absent), function(*rays[:2], absent)
-        )  # an absent ray may be anything
+        )  # an absent ray may have any value
         for case, named in [
             ((origins, long, rays[2]), r"directions\[1\] has length 3"),
             ((origins, rays[1] * [[np.nan], [1], [1]], rays[2]), r"directions\[0\] has length nan"),
@@ -399,6 +399,6 @@ def test_a_scale_that_is_no_length_is_refused(delta):
 
 
 def test_the_factor_of_outliers_is_one_number():
-    unchecked = inspect.unwrap(geometry.triangulate)  # the tests' check of types comes before
+    unchecked = inspect.unwrap(geometry.triangulate)  # bypass the tests' type checks
     with pytest.raises(InvalidInputError, match=r"outlier_factor must have shape \(\)"):
         unchecked(np.zeros((3, 3)), np.eye(3), np.ones(3), 0.1, outlier_factor=[1.0, 2.0])

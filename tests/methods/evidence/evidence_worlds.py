@@ -16,7 +16,7 @@ RULES = EvidenceSettings()
 
 
 def make_rig(count=5, radius=9.0, height=3.0, focal=900.0, roll=0.0):
-    """Cameras on a circle around the origin, looking at its centre; z is up, units are metres."""
+    """Place cameras on a circle around the origin, looking at its center; z up, in meters."""
     rotations, translations = [], []
     for i in range(count):
         angle = 2 * np.pi * i / count + 0.3
@@ -40,7 +40,7 @@ def make_scene(rig):
 
 
 def bare_boxes(frame, camera, table, **known):
-    """Whole boxes in pinhole cameras, of which nothing else is known than what is given."""
+    """Make uncut boxes in pinhole cameras, with only the given properties."""
     flags = np.ones((len(frame), 3), bool)
     none = np.zeros((0, 3, 3))
     unknown = {
@@ -56,7 +56,7 @@ def bare_boxes(frame, camera, table, **known):
 
 
 def measured(count, deviation):
-    """Measurements of boxes of which only the deviation of the edges is known."""
+    """Make measurements of boxes with known edge deviations only."""
     return Measurements(
         Information(np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)),
         np.full((count, 3), float(deviation)), np.ones((count, 3), bool),
@@ -65,7 +65,7 @@ def measured(count, deviation):
 
 
 def state_of_boxes(scene, camera, deviation, unit=HEIGHT, rules=RULES):
-    """State of one frame with boxes of which only their cameras and deviation are known."""
+    """Make the state of one frame with boxes of known camera and deviation only."""
     count, boxes = scene.rig.camera_count, len(camera)
     none = cf.Detections(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4)))
     state = observe_boxes(
@@ -76,7 +76,7 @@ def state_of_boxes(scene, camera, deviation, unit=HEIGHT, rules=RULES):
 
 
 def box_of(rig, camera, xy, height=HEIGHT):
-    """The box of a thin upright person, or None where it is not inside the image."""
+    """Return the box of a thin upright person, or None if it is not inside the image."""
     K, R, t = (np.asarray(a)[camera] for a in (rig.K, rig.R, rig.t))
     points = np.array([[*xy, 0.0], [*xy, height]]) @ R.T + t
     if (points[:, 2] < 0.5).any():
@@ -91,10 +91,10 @@ def box_of(rig, camera, xy, height=HEIGHT):
 
 
 def walk(people=6, frames=12, seed=0, noise=0.01, recall=0.95, clutter=0.2, rig=None):
-    """People who walk straight through the middle; rows [frame, id, x, y] and detections."""
+    """Simulate people who walk straight through the middle; return rows and detections."""
     rng = np.random.default_rng(seed)
     rig = make_rig() if rig is None else rig
-    # Starting places that keep people apart.
+    # Starting places that keep people separate.
     grid = np.stack(np.meshgrid([-3.0, 0.0, 3.0], [-2.4, 0.0, 2.4]), -1).reshape(-1, 2)
     start = rng.permutation(grid)[:people] + rng.uniform(-0.3, 0.3, (people, 2))
     velocity = rng.uniform(-0.12, 0.12, (people, 2))

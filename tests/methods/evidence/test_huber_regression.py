@@ -1,4 +1,4 @@
-"""Huber regression against SciPy's least squares and closed forms."""
+"""Huber regression compared with SciPy's least squares and closed forms."""
 
 import numpy as np
 from hypothesis import given, strategies as st
@@ -8,7 +8,7 @@ from catfree.methods.evidence._huber_regression import WIDTH, huber_regression
 
 
 def drawn(seed, outliers):
-    """Rows of two columns whose coefficients are 2 and -1, with unit noise."""
+    """Draw rows of two columns with coefficients 2 and -1 and unit noise."""
     rng = np.random.default_rng(seed)
     columns = rng.normal(0, 1, (200, 2))
     target = columns @ [2.0, -1.0] + rng.normal(0, 1, 200)

@@ -22,7 +22,7 @@ def moda(truth, result):
 
 
 def assert_found_alone(truth, result):
-    """Everyone is found, and nobody else: they stand apart, and four or five cameras see each."""
+    """Exactly the true people are found: they stand apart, and four or five cameras see each."""
     metrics = detection_metrics(truth, result.tracks.to_rows(), threshold=0.5)
     assert (metrics.fn, metrics.fp) == (0, 0)
 
@@ -99,7 +99,7 @@ def test_boxes_in_single_precision_are_measured_in_single_precision(east):
     np.testing.assert_array_equal(single.support, double.support)
     np.testing.assert_allclose(single.ground_xy, double.ground_xy, atol=1e-3)
     np.testing.assert_allclose(single.covariance, double.covariance, rtol=1e-2, atol=1e-6)
-    assert (single.sigma != double.sigma).any()  # other digits, so it was computed otherwise
+    assert (single.sigma != double.sigma).any()  # other digits, so it was computed differently
 
 
 @pytest.mark.slow
@@ -171,25 +171,25 @@ def test_a_blind_frame_of_one_camera_is_not_held_against_people():
 
 @cache
 def poorly_seen():
-    """Two boxes of five are missing, and more than half of the others show nobody."""
+    """Two boxes in five are missing, and more than half of the others are false."""
     _, detections, scene = walk(frames=6, seed=12, recall=0.6, clutter=5.0)
     return detections, scene, localize_by_evidence(detections, scene)
 
 
 @cache
 def crowd_beyond(people=10):
-    """A crowd with looks that walks farther than the rig was built to cover."""
+    """Simulate a crowd with embeddings that leaves the area covered by the rig."""
     detector = DetectorModel(false_positives=3.0)
     world = make_world("gmvd6", 0, frames=8, people=people, detector=detector)
     return world.detections, world.scene, localize_by_evidence(world.detections, world.scene)
 
 
 def dense_crowd():
-    """People with looks who pass so close that motion alone takes some for others."""
+    """Simulate people with embeddings who pass so close that motion alone swaps some."""
     return crowd_beyond(30)
 
 
-# Each ingredient, a world in which it matters, and what it decides there.
+# Each ingredient, a world in which it matters, and its effect there.
 INGREDIENTS = {
     "use_misses": (poorly_seen, "who"),
     "self_calibrate": (poorly_seen, "who"),
@@ -206,7 +206,7 @@ INGREDIENTS = {
 
 
 def without(name):
-    """The tracks of the ingredient's world with it and without it."""
+    """Track the ingredient's world with and without it."""
     detections, scene, plain = INGREDIENTS[name][0]()
     other = localize_by_evidence(detections, scene, replace(EvidenceSettings(), **{name: False}))
     assert np.isfinite(other.tracks.position).all()
@@ -214,12 +214,12 @@ def without(name):
 
 
 def in_place(tracks):
-    """Rows in the order of frame and place: tracks that begin together are numbered by sigma."""
+    """Sort rows by frame and place, because tracks that begin together are numbered by sigma."""
     return tracks[np.lexsort((*tracks.ground_xy.T, tracks.frame))]
 
 
 def changes(plain, other):
-    """What differs by more than a hundredth: of the usual deviation, or of certainty."""
+    """Mark differences of more than a hundredth of the usual deviation, or of certainty."""
     if len(plain) != len(other) or (plain.frame != other.frame).any():
         return {"who"}
     sigma = np.median(plain.sigma)
@@ -251,7 +251,7 @@ def test_doubts_about_ground_and_poses_widen_ellipses_and_nothing_else(name):
     np.testing.assert_array_equal(plain.position, other.position)
     np.testing.assert_array_equal(plain.existence, other.existence)
     added = np.linalg.eigvalsh(plain.covariance - other.covariance)
-    assert added.min() > -1e-12  # both are squares of floats of the size of one
+    assert added.min() > -1e-12  # both are squares of floats of magnitude one
     assert added.max(1).min() > 0
 
 
@@ -270,5 +270,5 @@ def test_looks_tell_people_apart():
     looks = looks[rng.integers(0, 40, len(detections))]
     plain = localize_by_evidence(detections, scene)
     random = cf.Detections(detections.frame, detections.camera, detections.box, embedding=looks)
-    # Embeddings that say nothing are found out and ignored.
+    # Uninformative embeddings are detected and ignored.
     assert moda(truth, localize_by_evidence(random, scene)) > moda(truth, plain) - 3

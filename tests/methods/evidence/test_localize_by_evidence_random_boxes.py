@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 
 
 def with_random_boxes(world, count, seed=0):
-    """The world's boxes without embeddings, and as many random ones."""
+    """Return the world's boxes without embeddings, plus as many random ones."""
     boxes, rig = world.detections, world.scene.rig
     rng = np.random.default_rng(seed)
     width, height = rig.image_size[0]
@@ -41,9 +41,9 @@ def moda(world, boxes, settings):
 
 
 def test_four_wrong_cameras_and_random_boxes_lose_nobody():
-    # So few boxes and so wrong a rig that the usual start of self-calibration joins no three
-    # cameras; then nothing was learned and all people passed for clutter. One of six people decides
-    # 17 points, with or without random boxes, so that only the mean says something.
+    # With so few boxes and so wrong a rig, the usual start of self-calibration joins no three
+    # cameras, so nothing was learned and all people passed for clutter. One of six people makes 17
+    # points, with or without random boxes, so only the mean is meaningful.
     found, usual, paper = [], [], []
     for seed in range(3, 15):
         world = make_world("ring4", seed, frames=12, people=6)

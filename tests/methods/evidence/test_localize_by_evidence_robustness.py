@@ -30,12 +30,12 @@ def world():
 
 @pytest.fixture(scope="module")
 def clean(world):
-    """Both methods' MODA before anything is changed."""
+    """Compute both methods' MODA before any change."""
     return modas(world)
 
 
 def assert_costs_no_more_than_the_paper(clean, changed, world):
-    """Not better than the paper's method by being worse before; one person of a frame is even."""
+    """Check that evidence is ahead and loses no more than the paper's method, plus one person."""
     (paper, evidence), person = changed, 100 / len(world.ground_truth)
     assert evidence >= paper
     assert clean[1] - evidence <= max(clean[0] - paper, 0) + person * (1 + 1e-9)
@@ -63,7 +63,7 @@ def test_a_rolled_camera_is_understood(world, clean):
     ("layout", "seed", "degrees"), [("gmvd8", 33, 0.5), ("wildtrack", 38, 1.0)]
 )
 def test_cameras_that_disagree_make_no_camps(layout, seed, degrees):
-    """Each camp of cameras would report every person in a place of its own, or nobody at all."""
+    """Each group of cameras would report every person at its own place, or no one at all."""
     rig_error = RigError(rotation_deg=degrees)
     sequence = simulated(layout, seed, frames=6, rig_error=rig_error)
     found, paper = (
@@ -96,7 +96,7 @@ def test_the_changes_are_what_they_say(world):
     feet = np.stack([bent.detections.box[:, [0, 2]].mean(1), bent.detections.box[:, 3]], -1)
     corner = (np.asarray(rig.K) - np.asarray(lens.K))[boxes.camera, :2, 2]
     straight = undistorted_pixels(lens, boxes.camera, feet) + corner
-    # The side middles are bent each for itself, so that the foot point is right to a pixel or two.
+    # Each side's middle is distorted separately, so the foot point is right to a pixel or two.
     error = np.abs(straight - np.stack([boxes.box[:, [0, 2]].mean(1), boxes.box[:, 3]], -1))
     assert np.median(error[whole]) < 1 < np.median(np.abs(bent.detections.box - boxes.box))
     assert (np.asarray(lens.image_size) < np.asarray(rig.image_size)).all()

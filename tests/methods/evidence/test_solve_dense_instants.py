@@ -1,4 +1,4 @@
-"""Any number of boxes in one instant: what is compared at a time fits into memory."""
+"""Any number of boxes in one instant: simultaneous comparisons fit into memory."""
 
 import subprocess
 import sys
@@ -22,7 +22,7 @@ from catfree.synthetic import ring
 
 GATE = EvidenceSettings().gate
 
-# As many boxes of any size and place as are accepted in one instant.
+# The maximum accepted number of boxes in one instant, of any size and place.
 RANDOM_BOXES = """
 import resource, sys, time
 import numpy as np
@@ -53,7 +53,7 @@ def test_five_thousand_random_boxes_of_one_instant_are_answered(method):
     output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     megabytes, seconds = map(float, output.split())
     assert megabytes < 800  # measured: 260 and 400
-    assert seconds < 90  # of computing: a bound for slow machines
+    assert seconds < 90  # of computing time: a bound for slow machines
 
 
 @pytest.mark.slow
@@ -82,7 +82,7 @@ def test_more_boxes_of_one_instant_are_refused_at_once_unless_their_scores_are_l
 
 
 def crowd(count, seed=0, vagueness=0.3):
-    """Boxes of one instant, ten to a unit of area however many there are."""
+    """Draw boxes of one instant, ten per unit of area for any number of boxes."""
     rng = np.random.default_rng(seed)
     position = rng.uniform(0, np.sqrt(count / 10), (count, 2))
     root = rng.normal(0, vagueness, (count, 2, 2))
@@ -92,7 +92,7 @@ def crowd(count, seed=0, vagueness=0.3):
 
 @pytest.fixture
 def searches(monkeypatch):
-    """The number of neighbors that each search for pairs found."""
+    """Record the number of neighbors found by each search for pairs."""
     found = []
 
     class Counting(association.KDTree):
@@ -143,7 +143,7 @@ def test_hidden_shares_take_no_more_memory_than_a_few_boxes_against_their_image(
     hiding.hidden_shares(box, nobody - 1, nobody, nobody, box, table)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    # All against all would be 512 MB for each number that is kept of a pair.
+    # All against all would be 512 MB for each number stored per pair.
     assert peak < 64 * 2**20
 
 

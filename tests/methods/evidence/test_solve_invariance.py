@@ -1,5 +1,4 @@
-"""What must not matter to the evidence method: where the scene lies, cameras that see nobody, and
-how frames and cameras are numbered."""
+"""Invariance of the evidence method to the scene's pose, cameras that see no one, and numbering."""
 
 from functools import cache
 
@@ -21,7 +20,7 @@ turns = st.floats(-3.1, 3.1)
 
 @cache
 def crowd() -> World:
-    """Enough people for every parameter to be learned, with a disturbed rig."""
+    """Simulate enough people to learn every parameter, with a disturbed rig."""
     return make_world("wildtrack", 0, frames=10, people=20)
 
 
@@ -31,7 +30,7 @@ def found() -> cf.Tracks:
 
 
 def with_cameras(scene: cf.Scene, count: int, *, registered: bool) -> cf.Scene:
-    """The scene with more cameras at the end: unknown ones, or ones that look at the sky."""
+    """Append cameras to the scene: unknown ones, or ones that look at the sky."""
     rig = scene.rig
     up = np.asarray(scene.ground.normal, np.float64)
     side = np.cross(up, [0.3, 0.5, 0.1])
@@ -85,14 +84,14 @@ def test_crowding_has_no_grid(seed, turn, count):
 
 
 def test_crowding_by_hand():
-    # One place that is used in two frames, and another one far away in the second alone: two discs
+    # One place is used in two frames, and another, far away, only in the second: two discs
     # of four square units, and one and a half people a frame.
     position = np.array([[0.0, 0.0], [0.0, 0.0], [50.0, 0.0]])
     assert crowding(position, np.array([0, 1, 1])) == pytest.approx(1.5 / 8, rel=0.05)
 
 
 def test_ground_that_several_use_counts_once():
-    # The lens of two discs of area 4 whose centres lie on each other's rim.
+    # The intersection of two discs of area 4 whose centers lie on each other's rim.
     step = 2 / np.sqrt(np.pi)
     position = np.array([[0.0, 0.0], [step, 0.0]])
     shared = 4 * (2 / 3 - np.sqrt(3) / (2 * np.pi))
@@ -138,7 +137,7 @@ def test_confident_people_do_not_depend_on_unknown_cameras():
 
 @cache
 def numbered_from(first: int) -> cf.Tracks:
-    """The crowd without looks, its frames numbered from `first`."""
+    """Return the crowd without embeddings, with frames numbered from `first`."""
     boxes = crowd().detections
     later = cf.Detections(boxes.frame + first, boxes.camera, boxes.box, boxes.score)
     return cf.localize(later, crowd().scene).tracks
@@ -155,7 +154,7 @@ def test_frames_may_be_numbered_from_anywhere(first):
 @pytest.mark.slow
 @pytest.mark.parametrize("before", [31, 64])
 def test_a_camera_of_a_high_number_sees_each_person_once(before):
-    """Two boxes of one camera are two people whatever its number is."""
+    """Two boxes of one camera are two people, whatever the camera's number."""
     world = make_world("ring6", 1, frames=6, people=10)
     boxes = world.detections
     twice = np.repeat(np.arange(len(boxes)), 2)
@@ -181,7 +180,7 @@ def test_identical_boxes_are_told_apart_by_looks_in_any_order():
     world = make_world("ring4", 2, frames=12, people=8)
     boxes = world.detections
     looks = np.maximum(np.asarray(boxes.embedding), 0)
-    looks[:, 0] = 0  # the first numbers of features are often equal
+    looks[:, 0] = 0  # the first entries of features are often equal
     other = looks[np.random.default_rng(0).permutation(len(looks))]
     twins = cf.Detections(
         *(np.concatenate([value] * 2) for value in (boxes.frame, boxes.camera, boxes.box)),

@@ -1,4 +1,4 @@
-"""Long sequences and other settings cost neither memory nor compilations."""
+"""Long sequences and other settings cause no further memory use or compilation."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Two cameras are little, but enough: what three would teach is learned from pairs."""
+"""Two cameras suffice: parameters usually learned from three cameras are learned from pairs."""
 
 import dataclasses
 
@@ -33,7 +33,7 @@ EVERYWHERE = cf.Settings(evidence=EvidenceSettings(working_area=False))
 
 
 def seen_by(world, cameras):
-    """Boxes and scene of some cameras; the gauge stays that of all."""
+    """Select boxes and scene of some cameras, keeping the gauge of all."""
     detections, scene = world.detections, world.scene
     own = detections[np.isin(detections.camera, cameras)]
     numbered = {"camera": np.searchsorted(cameras, own.camera)}
@@ -45,7 +45,7 @@ def seen_by(world, cameras):
 
 
 def score(world, cameras, rules=EVERYWHERE):
-    """Metrics in the area of what is found with some cameras."""
+    """Compute metrics in the area for results with some cameras."""
     found = cf.localize(*seen_by(world, cameras), rules)
     align = fit_similarity(np.asarray(world.scene.rig.centers), world.true_centres)
     xy = np.asarray(align(found.tracks.position))[:, :2]
@@ -72,7 +72,7 @@ def test_crowding_is_learned_from_pairs(world):
     rules = cf.Settings().evidence
     fixed = dataclasses.replace(rules, self_calibrate=False)
     assert solve(detections, scene, fixed).noise.density == rules.density_start
-    # Twelve people in 16 by 16 metres, in cells of 2 by 2 heights that anyone visits.
+    # Twelve people in 16 by 16 meters, in cells of 2 by 2 heights that anyone visits.
     assert 0.02 < solve(detections, scene).noise.density < 0.2
 
 

@@ -39,7 +39,7 @@ def small(world):
 
 @pytest.fixture
 def videos(tmp_path):
-    """Four grey videos of six frames."""
+    """Four gray videos of six frames."""
     paths = []
     for camera in range(4):
         paths.append(tmp_path / f"camera_{camera}.mp4")
@@ -85,7 +85,7 @@ def test_the_video_has_one_frame_an_instant_and_the_asked_size(
     assert frames[0].shape[1] == 640
     assert frames[0].shape[0] % 2 == 0
     assert reports[-1] == ("overlay", 6, 6)
-    # People are drawn: there is colour in the grey pictures, and the view from above is light.
+    # People are drawn: there is color in the gray pictures, and the view from above is light.
     tiles = frames[3][:, :400].astype(int)
     assert (np.ptp(tiles, axis=-1) > 60).sum() > 50
     assert np.median(frames[3][:, 460:]) > 200

@@ -72,7 +72,7 @@ def test_wrong_colours_and_folders_are_named(world, tmp_path):
         )
     with pytest.raises(InvalidInputError, match="does not exist"):
         write_glb(tmp_path / "missing" / "scene.glb", world.scene)
-    unchecked = inspect.unwrap(write_glb)  # the tests' check of types comes before
+    unchecked = inspect.unwrap(write_glb)  # bypass the tests' type checks
     with pytest.raises(InvalidInputError, match=r"points must have shape \(n, 3\)"):
         unchecked(tmp_path / "scene.glb", world.scene, points=np.zeros(3))
     with pytest.raises(InvalidInputError, match="localization must be a Localization, got Scene"):

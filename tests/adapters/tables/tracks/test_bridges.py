@@ -57,7 +57,7 @@ def rows_of(tracks: Tracks) -> np.ndarray:
 
 @pytest.mark.parametrize("write", [write_tracks_csv, write_tracks_parquet, tracked])
 def test_a_result_is_told_to_pass_its_tracks(write, tmp_path):
-    unchecked, result = inspect.unwrap(write), empty_localization(2)  # as without checked types
+    unchecked, result = inspect.unwrap(write), empty_localization(2)  # as without type checks
     arguments = (result, "a table") if write is tracked else (tmp_path / "tracks", result)
     with pytest.raises(InvalidInputError, match=r"got Localization. Pass its \.tracks"):
         unchecked(*arguments)
@@ -128,7 +128,7 @@ def test_trackeval_scores_the_folders(tmp_path):
 )
 def test_trackeval_names_what_it_cannot_write(options, message, tmp_path):
     rows, frames = rows_of(walking()), np.arange(0, 40, 5)
-    unchecked = inspect.unwrap(write_trackeval)  # the tests' check of types comes before
+    unchecked = inspect.unwrap(write_trackeval)  # bypass the tests' type checks
     with pytest.raises(InvalidInputError, match=message):
         unchecked(tmp_path, rows, rows, frames, **options)
     assert not list(tmp_path.iterdir())

@@ -58,7 +58,7 @@ def test_angles_turn_as_they_are_said_to():
     # Tilted down, a point ahead rises; turned left, it moves to the right.
     assert pixel(changed(tilt=0.1), ahead)[1] == pytest.approx(-np.exp(7) * np.tan(0.1))
     assert pixel(changed(pan=0.1), ahead)[0] == pytest.approx(np.exp(7) * np.tan(0.1))
-    # A rolled camera turns its picture about the centre and keeps the distance from it.
+    # A rolled camera turns its picture about the center and keeps the distance from it.
     right = pixel(LEVEL, beside)
     rolled = pixel(changed(roll=0.3), beside)
     np.testing.assert_allclose(rolled, [right[0] * np.cos(0.3), -right[0] * np.sin(0.3)], atol=1e-9)

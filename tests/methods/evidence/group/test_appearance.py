@@ -1,4 +1,4 @@
-"""Looks from frame to frame: ratios by brute force, and who is who after a meeting."""
+"""Appearance between frames: ratios by brute force, and identities after people meet."""
 
 import dataclasses
 
@@ -49,7 +49,7 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
             if one and two:
                 pairs = [1 - embedding[i] @ embedding[j] for i in one for j in two]
                 expected = len(two) * float(LIKENESS(np.array([np.mean(pairs)]))[0])
-            # Sums are in single precision, of which the narrow Gaussian makes 200 times as much.
+            # Sums are in single precision, whose error the narrow Gaussian multiplies by 200.
             assert found[a, b] == pytest.approx(expected, abs=1e-4)
 
 
@@ -96,14 +96,14 @@ def test_looks_are_learned_although_some_cameras_have_no_embeddings():
 
 
 def meeting(turn_back: bool):
-    """Two people of one height walk towards each other; (T, 2, 2) their places, in H0."""
+    """Let two people of one height approach each other; return (T, 2, 2) places, in H0."""
     time = np.arange(-10, 11)
     x = np.abs(time) if turn_back else -time
     return np.stack([np.stack([-0.15 * x, 0 * x], -1), np.stack([0.15 * x, 0 * x + 0.02], -1)], 1)
 
 
 def who(places, looks, likeness=LIKENESS, deviation=0.1):
-    """(T, 2) track of each person."""
+    """Return (T, 2) track of each person."""
     T = len(places)
     state = np.concatenate([places, np.ones((T, 2, 1))], -1).reshape(-1, 3)
     precision = np.broadcast_to(np.eye(3) / deviation**2, (2 * T, 3, 3)).copy()
@@ -129,7 +129,7 @@ def test_looks_tell_who_is_who_after_a_meeting(turn_back):
     track = who(places, looks)
     assert (track == track[0]).all()
     assert track[0, 0] != track[0, 1]
-    # Motion alone takes them to have gone on, which is right of those who did.
+    # By motion alone they appear to walk on, which is true for those who did.
     alone = who(places, no_looks(2 * len(places)))
     assert (alone == alone[0]).all() != turn_back
 

@@ -20,7 +20,7 @@ NOISE = replace(START, density=np.array(DENSITY), spread=np.array(SPREAD))
 
 
 def boxes_near(seed, people, cameras, noise):
-    """Isotropic measurements of people at random places, one box a camera, padded."""
+    """Draw isotropic measurements of people at random places, one box per camera, padded."""
     rng = np.random.default_rng(seed)
     state = np.column_stack(
         [rng.uniform(0, 6, (people, 2)), 1 + 0.05 * rng.standard_normal(people)]
@@ -40,7 +40,7 @@ def boxes_near(seed, people, cameras, noise):
 
 
 def greedy(info, camera, valid, looks=None):
-    """One best pair at a time, the plain way."""
+    """Merge the best pair, one at a time."""
     looks = np.zeros((len(camera),) * 2) if looks is None else looks
     groups = [[i] for i in np.flatnonzero(valid)]
     value = lambda g: float(  # noqa: E731
@@ -93,7 +93,7 @@ def test_frames_merged_together_give_the_groups_of_each_alone():
     mean, covariance = mean_and_covariance(info[valid], SPREAD)
     place = mean[:, :2], covariance[:, :2, :2]
     pairs = close_pairs(*place, frame[valid], camera[valid], GATE)
-    assert len(pairs) > PAIR_BLOCK  # else they are merged in one block
+    assert len(pairs) > PAIR_BLOCK  # otherwise one block merges them
     groups = merge_boxes(info, frame, camera, valid, 3, DENSITY, SPREAD, GATE)
     for k in (0, 3, frames // 2, frames - 1):
         own, *rest = alone[k]

@@ -11,11 +11,11 @@ from catfree.methods.evidence.group._merge import merge_boxes
 
 DENSITY, SPREAD, GATE = 0.2, 0.05, 16.0
 MOST = 7  # boxes: 877 partitions
-ROWS = 64  # to which they are padded
+ROWS = 64  # padded length
 
 
 def boxes_at(mean, deviation):
-    """Information on (x, y, height) of boxes that measure each as well, padded."""
+    """Make information on (x, y, height) of boxes that measure each equally well, padded."""
     mean, precision = np.asarray(mean, float), np.asarray(deviation, float) ** -2
     info = Information(np.zeros((ROWS, 3, 3)), np.zeros((ROWS, 3)), np.zeros(ROWS))
     n = len(mean)
@@ -26,7 +26,7 @@ def boxes_at(mean, deviation):
 
 
 def greedy(info, camera, cameras):
-    """The library's groups, sorted."""
+    """Return the library's groups, sorted."""
     n = len(camera)
     frame, camera = np.zeros(ROWS, int), np.pad(camera, (0, ROWS - n))
     valid = np.arange(ROWS) < n
@@ -35,7 +35,7 @@ def greedy(info, camera, cameras):
 
 
 def partitions(camera):
-    """All ways to group boxes so that no group holds two of one camera."""
+    """Yield all ways to group boxes without two of one camera in a group."""
     found = [[]]
     for box, view in enumerate(camera):
         found = [
@@ -54,7 +54,7 @@ def partitions(camera):
 
 
 def evidence_of(info, groups):
-    """Total log evidence of some groups, each one person."""
+    """Compute the total log evidence of groups that are one person each."""
     total = Information(
         *(
             np.array([values[group].sum(0) for group in groups])
@@ -70,7 +70,7 @@ def likeliest(info, camera):
 
 @st.composite
 def crowds(draw, most_cameras=4):
-    """A few people, near enough to be confused, each seen by some cameras; at most seven boxes."""
+    """Draw a few people near enough to confuse, seen by some cameras; at most seven boxes."""
     count = draw(st.integers(2, most_cameras))
     rng = np.random.default_rng(draw(st.integers(0, 10**6)))
     people = draw(st.integers(1, 4))
@@ -98,7 +98,7 @@ def test_the_evidence_of_a_group_is_its_integral_over_places_and_heights(crowd):
     info, camera, _ = crowd
     precision = info.matrix[: len(camera), 0, 0]
     mean = info.vector[: len(camera)] / precision[:, None]
-    # Errors are as large along all axes, so that the integral is a product of three.
+    # Errors are equally large along all axes, so the integral is a product of three.
     place, step = np.linspace(-4, 8, 24001, retstep=True)
     for group in likeliest(info, camera):
         away = mean[group][..., None] - place
@@ -126,7 +126,7 @@ def test_no_merge_improves_what_greedy_merging_leaves_and_nothing_beats_the_like
 @settings(max_examples=40)
 @given(crowds(most_cameras=2))
 def test_between_two_cameras_greedy_merging_gains_at_least_half_of_what_can_be_gained(crowd):
-    # A greedy matching weighs at least half of the heaviest (Preis 1999).
+    # A greedy matching has at least half of the maximum weight (Preis 1999).
     info, camera, cameras = crowd
     apart = evidence_of(info, [[box] for box in range(len(camera))])
     found = evidence_of(info, greedy(info, camera, cameras)) - apart
@@ -142,7 +142,7 @@ def test_people_far_apart_are_grouped_as_is_likeliest(seed, people, cameras):
     pairs = np.array(list(itertools.product(range(people), range(cameras))))
     person, camera = pairs[np.sort(rng.permutation(len(pairs))[:MOST])].T
     deviation = rng.uniform(0.03, 0.1, len(person))
-    # Nobody's boxes come within ten deviations of another's; their own are within one.
+    # Boxes of different people are over ten deviations apart, those of one within one.
     state = np.column_stack([3.0 * np.arange(people), rng.uniform(0, 1, people), np.ones(people)])
     mean = state[person] + deviation[:, None] * rng.uniform(-1, 1, (len(person), 3))
     info = boxes_at(mean, deviation)

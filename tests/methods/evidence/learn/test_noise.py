@@ -1,4 +1,4 @@
-"""Self-calibration from known groups: it finds the noise, offsets and heights that were drawn."""
+"""Self-calibration from known groups: it finds the drawn noise, offsets and heights."""
 
 import dataclasses
 from functools import cache
@@ -23,7 +23,7 @@ from tests.methods.evidence.evidence_worlds import HEIGHT, bare_boxes, make_rig,
 
 CAMERAS, PEOPLE = 6, 400
 VIEWS = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
-# Calibration errors out of the way: what is left is the noise of the edges.
+# No calibration errors, so only the noise of the edges remains.
 RULES = EvidenceSettings(angular_noise=1e-4, angular_noise_range=(1e-4, 1e-4))
 
 pytestmark = pytest.mark.usefixtures("x64")
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("x64")
 
 @dataclasses.dataclass
 class Crowd:
-    """People in the middle and their boxes in every camera, in the order of the people."""
+    """People in the middle, and their boxes in every camera, in the same order."""
 
     edges: np.ndarray  # (P, C, 3)
     views: object = VIEWS
@@ -50,7 +50,7 @@ class Crowd:
         return bare_boxes(frame, camera, self.member[..., None], box=box, edges=edges)
 
     def learned(self, rounds=6, rules=RULES):
-        """What so many rounds make of the starting noise, and the last median height."""
+        """Return the noise after these rounds, and the last median height."""
         boxes, member, ratio = self.boxes, self.member, 1.0
         noise = start_noise(CAMERAS, rules)
         for _ in range(rounds):
@@ -68,7 +68,7 @@ class Crowd:
 
 @cache
 def exact(spread=0.05, people=PEOPLE):
-    """(P, C, 3) edges of people whose heights have this spread."""
+    """Draw (P, C, 3) edges of people with this spread of heights."""
     rng = np.random.default_rng(0)
     place = rng.uniform(-1.2, 1.2, (people, 2))
     state = np.column_stack([place, 1 + spread * rng.standard_normal(people)])
@@ -81,7 +81,7 @@ def exact(spread=0.05, people=PEOPLE):
 
 
 def noisy(seed, share, edges=None):
-    """Boxes whose edges are off by (C, 3) shares of their height."""
+    """Make boxes whose edges are off by (C, 3) fractions of their height."""
     edges = exact() if edges is None else edges
     size = (edges[..., 2] - edges[..., 1])[..., None]
     return Crowd(edges + share * size * np.random.default_rng(seed).standard_normal(edges.shape))
@@ -93,9 +93,9 @@ def noisy(seed, share, edges=None):
 def test_the_noise_of_each_cameras_columns_is_found(seed, factor, other):
     share = np.outer([factor, *[other] * (CAMERAS - 1)], RULES.edge_noise)
     noise, ratio = noisy(seed, share).learned()
-    # Four deviations of a deviation by the MAD, which is worth 0.37 of 400 residuals.
+    # Four deviations of a deviation from the MAD, whose efficiency is 0.37 for 400 residuals.
     np.testing.assert_allclose(noise.edge[:, 0], share[:, 0], rtol=4 / np.sqrt(2 * 0.37 * PEOPLE))
-    # The median of 400 heights, each by six cameras, is known to half a per cent.
+    # The median of 400 heights, each from six cameras, is known to half a percent.
     assert ratio == pytest.approx(1, abs=0.02)
 
 
@@ -120,7 +120,7 @@ def test_the_offset_of_one_camera_is_found(seed, camera, angle):
     noise, _ = crowd.learned()
 
     def usual(camera):
-        """Mean offset of each edge in that camera's boxes, in radians."""
+        """Compute the mean offset of each edge in that camera's boxes, in radians."""
         edges = crowd.edges[:, camera]
         rows = np.column_stack([edges[:, 1:].mean(1), edges[:, 1], edges[:, 2]])
         size = (edges[:, 2] - edges[:, 1])[:, None] * np.array([0, 1, 1])
@@ -132,8 +132,8 @@ def test_the_offset_of_one_camera_is_found(seed, camera, angle):
     found = np.array([usual(c) for c in range(CAMERAS)])
     drawn = np.zeros((CAMERAS, 3))
     drawn[camera] = angle
-    # A turn of the map moves all columns alike, and a shift each by how the camera looks: what
-    # these explain nobody can tell.
+    # A turn of the map moves all columns equally, and a shift moves each by the camera's direction:
+    # the part that these explain cannot be determined.
     modes = np.column_stack([np.ones(CAMERAS), VIEWS.heading])
     seen = np.eye(CAMERAS) - modes @ np.linalg.pinv(modes)
     # The mean noise of 400 boxes of 0.2 radians is half a milliradian.
@@ -154,8 +154,9 @@ def test_people_far_from_where_a_camera_puts_them_hardly_make_it_noisier(sides):
     crowd.edges[wrong, 0, 0] += 80.0 * rng.choice(sides, wrong.sum())
     noise, _ = crowd.learned()
     grown = noise.edge[0, 0] / plain.edge[0, 0]
-    # Of a tenth of outliers the MAD grows by a seventh, a deviation would by a factor of three. On
-    # one side they draw the learned offset, too, so that it grows more, but not half as much.
+    # A tenth of outliers increases the MAD by a seventh, and a deviation by a factor of three. If
+    # all are on one side they also shift the learned offset, so it grows more, but by less than
+    # half.
     if len(sides) == 2:
         assert grown == pytest.approx(1.14, rel=0.1)
     assert grown < 3 / 2
@@ -177,8 +178,8 @@ def test_a_wrong_unit_is_set_right_by_the_median_height(unit):
 @settings(max_examples=6)
 @given(st.integers(0, 1000), st.sampled_from([0.05, 0.0625, 0.08, 0.1]), st.floats(0.75, 1.5))
 def test_the_spread_of_heights_is_found(seed, spread, factor):
-    # Heights that are estimated with a prior lie closer together than people do, the more the
-    # noisier the boxes. Where all stand equally far, an offset by box height would explain heights.
+    # Heights estimated with a prior are closer together than true heights, the more so the noisier
+    # the boxes. If all stand equally far, an offset by box height would explain heights.
     rules = dataclasses.replace(RULES, residual_field=False)
     edges = exact(spread)
     found = noisy(seed, factor * np.array(RULES.edge_noise), edges).learned(rules=rules)[0]
@@ -217,7 +218,7 @@ def test_crowding_is_people_over_the_ground_that_they_use(seed, people, frames):
     rng = np.random.default_rng(seed)
     place = rng.uniform(-9, 9, (people, 2))
     found = crowding(np.tile(place, (frames, 1)), np.repeat(np.arange(frames), people))
-    # The ground within a step of anybody, by Monte Carlo.
+    # The ground within a step of any person, by Monte Carlo.
     points = rng.uniform(-11, 11, (40000, 2))
     distance = np.hypot(*np.moveaxis(points[:, None] - place, -1, 0)).min(1)
     used = (distance < 2 / np.sqrt(np.pi)).mean()

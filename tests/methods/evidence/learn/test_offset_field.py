@@ -5,7 +5,7 @@ from hypothesis import given, strategies as st
 
 from catfree.methods.evidence.learn._offset_field import UNKNOWNS, offset_field
 
-# Which coefficient stands for each of an edge's four; the height of a middle has none.
+# Index of each edge's four coefficients; the height of a middle has none.
 SHARED = np.zeros((3, 4, UNKNOWNS))
 for edge, columns in enumerate(((0, 1, 2), (3, 4, 5, 6), (3, 4, 5, 7))):
     SHARED[edge, range(len(columns)), columns] = 1
@@ -13,7 +13,7 @@ PRIOR, SPREAD = (0.02, 0.01, 0.03, 0.05), 0.06
 
 
 def drawn(seed, people=12, cameras=3):
-    """Arguments of `offset_field`: every camera sees a random two thirds of the people."""
+    """Draw arguments of `offset_field`; every camera sees a random two thirds of the people."""
     rng = np.random.default_rng(seed)
     person, camera = np.nonzero(rng.uniform(size=(people, cameras)) < 2 / 3)
     n = len(person)
@@ -33,7 +33,7 @@ def drawn(seed, people=12, cameras=3):
 
 
 def by_all_unknowns(problem):
-    """The same coefficients from one dense system of offsets, positions and heights."""
+    """Solve for the coefficients by one dense system of offsets, positions and heights."""
     person, camera, weight = problem["person"], problem["camera"], problem["weight"]
     people, size = len(problem["height"]), UNKNOWNS * problem["cameras"]
     rows, targets = [], []
@@ -65,7 +65,7 @@ def test_elimination_gives_what_all_unknowns_together_give(seed):
 def test_people_who_only_moved_leave_the_cameras_alone(seed):
     problem = drawn(seed)
     moved = np.random.default_rng(seed).normal(0, 0.3, (len(problem["height"]), 3))
-    moved[:, 2] = 1 - problem["height"]  # to the mean height, which costs nothing
+    moved[:, 2] = 1 - problem["height"]  # to the mean height, at no cost
     problem["weight"] = np.ones_like(problem["weight"])
     problem["offset"] = np.einsum("nki,ni->nk", problem["slopes"], moved[problem["person"]])
     np.testing.assert_allclose(offset_field(**problem), 0, atol=1e-6)

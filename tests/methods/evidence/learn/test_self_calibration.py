@@ -1,4 +1,4 @@
-"""What few people teach stays within bounds, and what nobody teaches stays as it was."""
+"""Few people change parameters within bounds, and parameters without data do not change."""
 
 import numpy as np
 import pytest

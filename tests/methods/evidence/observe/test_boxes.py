@@ -50,5 +50,5 @@ def test_people_before_and_after_an_endless_pause_are_located_as_without():
     near, far = (cf.localize(d, world.true_scene).tracks for d in (boxes, later))
     assert np.isfinite(far.sigma).all()
     assert abs(len(far) - len(near)) <= 0.02 * len(near)
-    clocks = cf.estimate_clocks(world.true_scene, later)  # in no time
+    clocks = cf.estimate_clocks(world.true_scene, later)  # must be quick
     assert np.isfinite(clocks.offset_sd).all()

@@ -1,4 +1,4 @@
-"""Embeddings taken as unit vectors, whichever rows of the caller's array boxes have."""
+"""Embeddings become unit vectors, whichever rows of the caller's array are used."""
 
 import numpy as np
 import pytest

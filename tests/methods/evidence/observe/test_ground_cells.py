@@ -1,4 +1,4 @@
-"""Cells of the ground before a camera."""
+"""Cells of the ground in front of a camera."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def test_cells_are_squares_ahead_and_aside_of_each_camera(seed):
     place = VIEWS.station[camera] + ahead[:, None] * forward + aside[:, None] * right
     cell = jax.vmap(ground_cell)(*map(jnp.asarray, (place, VIEWS.station[camera], forward)))
     found = np.stack(np.divmod(np.asarray(cell), CELLS), -1)
-    # What is outside the map is in the nearest cell.
+    # Points outside the map are in the nearest cell.
     expected = np.floor(np.column_stack([ahead + 8, aside + CELLS // 2])).clip(0, CELLS - 1)
     near_a_line = np.abs(np.column_stack([ahead, aside]) % 1 - 0.5).max(1) > 0.5 - 1e-4
     np.testing.assert_array_equal(found[~near_a_line], expected[~near_a_line])
@@ -40,7 +40,7 @@ def test_cells_are_squares_ahead_and_aside_of_each_camera(seed):
 def test_a_box_with_a_pinhole_of_its_own_is_in_the_map_of_its_camera():
     rig, rules = make_rig(4), EvidenceSettings()
     _, detections, scene = walk(6, 3, rig=rig)
-    # A fisheye that bends little: the boxes still are those of people.
+    # A fisheye with little distortion: boxes still look like people.
     lens = ["pinhole", "fisheye", "pinhole", "fisheye"]
     mixed = replace(rig, distortion=np.zeros((4, 5)), lens=lens)
     scene = replace(scene, rig=mixed)

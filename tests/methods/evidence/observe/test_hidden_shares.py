@@ -16,7 +16,7 @@ whole = st.integers(-4, SIDE + 4)
 
 @st.composite
 def rectangles(draw, low=1):
-    """Boxes with corners on whole pixels."""
+    """Draw boxes with corners on whole pixels."""
     x, y = draw(whole), draw(whole)
     return [
         float(v) for v in (x, y, x + draw(st.integers(low, 12)), y + draw(st.integers(low, 30)))
@@ -31,7 +31,7 @@ def test_the_hidden_share_is_that_of_pixels_inside_nearer_boxes(others, data):
         st.sampled_from([True, True, False]), min_size=len(others), max_size=len(others)
     )
     active = np.array(data.draw(flags))
-    # Who is nearer stands lower, and hides what is in the columns of the box below its top.
+    # A nearer person stands lower, and hides everything in the box's columns below its top.
     nearer = active & (others[:, 3] > SIDE)
     columns = (np.arange(COLUMNS) + 0.5) * SIDE / COLUMNS
     rows = np.arange(SIDE)[:, None] + 0.5

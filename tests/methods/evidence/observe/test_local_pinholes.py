@@ -1,4 +1,4 @@
-"""Pinholes that agree with a lens around a pixel: value, derivative, and the pinhole itself."""
+"""Pinholes that agree with a lens around a pixel: value, derivative, and the case of a pinhole."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""One box as a Gaussian likelihood: of the right place, as sharp as its edges, or of nothing."""
+"""A box as a Gaussian likelihood: correct place, as sharp as its edges, or flat."""
 
 import dataclasses
 
@@ -30,7 +30,7 @@ SIDE, TOP, BOTTOM = range(3)
 
 
 def shown(camera, state):
-    """The exact boxes of people."""
+    """Return the exact boxes of people."""
     return box_edges(VIEWS.matrix[camera], state, VIEWS.station[camera], FOOT_AHEAD)
 
 
@@ -39,7 +39,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("x64")]
 
 @dataclasses.dataclass
 class Rows:
-    """What `measure_all` takes of each box; whole, unhidden and present unless changed."""
+    """Make arguments of `measure_all`: uncut, unhidden and present boxes unless changed."""
 
     edges: np.ndarray
     camera: np.ndarray
@@ -67,12 +67,12 @@ class Rows:
 
 
 def place_of(found):
-    """Position, height and covariance that each box alone implies."""
+    """Return position, height and covariance implied by each box alone."""
     return mean_and_covariance(found.info, SPREAD)
 
 
 def people(seed, count=12):
-    """States of people around the middle and, in one camera each, their exact boxes."""
+    """Draw states of people around the middle and their exact boxes, in one camera each."""
     rng = np.random.default_rng(seed)
     state = np.column_stack([rng.uniform(-2, 2, (count, 2)), np.ones(count)])
     camera = rng.integers(0, CAMERAS, count)
@@ -80,21 +80,21 @@ def people(seed, count=12):
 
 
 def disturbed(seed):
-    """Boxes with the usual noise."""
+    """Make boxes with the usual noise."""
     _, rows = people(seed)
     noise = np.array(RULES.edge_noise) * rows.size[:, None]
     rows.edges = rows.edges + 0.7 * noise * np.random.default_rng(seed).standard_normal((12, 3))
     return rows
 
 
-SPREAD = float(np.sqrt(np.prod(RULES.height_spread_range)))  # as `start_noise` has it
+SPREAD = float(np.sqrt(np.prod(RULES.height_spread_range)))  # as in `start_noise`
 seeds = st.integers(0, 10**6)
 
 
 @settings(max_examples=20)
 @given(st.integers(0, 10**6))
 def test_feet_and_height_that_a_box_in_a_rolled_camera_implies(seed):
-    # The foot is a sixth of the height beside the box centre there; two rounds leave the square.
+    # The foot is a sixth of the height beside the box center there; two rounds leave the square.
     state, rows = people(seed)
     known = VIEWS.matrix, VIEWS.ground_inverse, VIEWS.station
     cameras = (np.asarray(part)[rows.camera] for part in known)
@@ -128,10 +128,10 @@ def test_the_likelihood_is_that_of_the_edges_about_the_most_likely_person(seed):
         matrix, b, k = found.info.matrix[i], found.info.vector[i], found.info.constant[i]
         size = np.trace(matrix)
         np.testing.assert_allclose(matrix, J.T @ W @ J, rtol=1e-5, atol=1e-6 * size)
-        # The form has the value and the slope of the sum of squares there.
+        # The form has the value and gradient of the sum of squares there.
         assert s @ matrix @ s - 2 * b @ s + k == pytest.approx(away @ W @ away, abs=1e-6)
         np.testing.assert_allclose(b - matrix @ s, J.T @ W @ away, rtol=1e-4, atol=1e-5 * size)
-        # Gauss-Newton has come to rest.
+        # Gauss-Newton has converged.
         usual, prior = np.array([0, 0, 1.0]), np.diag([0, 0, SPREAD**-2])
         step_left = np.linalg.solve(J.T @ W @ J + prior, J.T @ W @ away + prior @ (usual - s))
         np.testing.assert_allclose(step_left, 0, atol=1e-6)
@@ -203,7 +203,7 @@ def test_an_absent_row_may_hold_anything_and_counts_nothing(seed, junk):
 def test_boxes_of_nobody_on_the_ground_are_finite_and_bounded(seed):
     edges = np.random.default_rng(seed).uniform(-3000, 3000, (12, 3))
     rows = Rows(edges, np.arange(12) % CAMERAS)
-    rows.size = np.maximum(rows.size, 1.0)  # as `prepare_boxes` bounds it
+    rows.size = np.maximum(rows.size, 1.0)  # bounded as in `prepare_boxes`
     found = rows.measured()
     for leaf in jax.tree.leaves(found.info):
         assert np.isfinite(leaf).all()

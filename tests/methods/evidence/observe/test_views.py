@@ -1,4 +1,4 @@
-"""The ground of a scene: its cameras as maps from the plane, and the way back."""
+"""The ground of a scene: its cameras as maps from the plane, and their inverses."""
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +29,7 @@ worlds = st.tuples(st.floats(-0.5, 0.5), three(-np.pi, np.pi), st.floats(0.1, 10
 
 
 def scene_of(world):
-    """A ring of cameras around a plane of any pose, in a world of any unit; and that unit."""
+    """Make a ring of cameras around a plane of any pose, in any unit; also return the unit."""
     roll, turn, scale, shift = world
     rig = make_rig(CAMERAS, roll=roll)
     Q = Rotation.from_rotvec(turn).as_matrix()
@@ -44,7 +44,7 @@ places = st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(0.5, 1.5)).map(
 
 
 def in_scene(scene, views, place, height):
-    """The world point at a height over a place, all in units of the views."""
+    """Return the world point at a height above a place, in units of the views."""
     plane = scene.ground
     normal, basis = np.asarray(plane.normal), np.asarray(plane.basis)
     foot = basis @ (views.origin + views.unit * place[:2]) - float(plane.offset) * normal
@@ -63,7 +63,7 @@ def test_the_map_is_the_projection_of_the_scene(world, place, metres):
             pixel = rig.K[c] @ (rig.R[c] @ point + rig.t[c])
             mine = views.matrix[c] @ [*place[:2], height, 1]
             np.testing.assert_allclose(mine[:2] / mine[2], pixel[:2] / pixel[2], atol=1e-6)
-            # Positive in front of the camera, as the depth is.
+            # Positive in front of the camera, like the depth.
             assert mine[2] * views.unit == pytest.approx(pixel[2])
 
 

@@ -1,4 +1,4 @@
-"""Who should be seen: hiding people, borders, and detection rates."""
+"""Who should be seen: occlusion, image borders, and detection rates."""
 
 import jax
 import numpy as np
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("x64")
 
 
 def seen(state, member=None, box=None, frame=None, table=None):
-    """How all cameras see people at states (H, 3), among boxes of the same frame."""
+    """Compute how all cameras see people at states (H, 3) among boxes of the same frame."""
     H = len(state)
     box = np.zeros((1, 4)) if box is None else box
     table = np.full((1, CAMERAS, 1), -1) if table is None else table
@@ -39,7 +39,7 @@ def seen(state, member=None, box=None, frame=None, table=None):
 
 
 def outline(state, camera):
-    """The box (4,) of a person of the usual width."""
+    """Return the box (4,) of a person of usual width."""
     column, top, bottom = box_edges(VIEWS.matrix[camera], state, VIEWS.station[camera], FOOT_AHEAD)
     half = ASPECT / 2 * (bottom - top)
     return np.array([column - half, top, column + half, bottom])
@@ -75,7 +75,7 @@ def test_a_nearer_person_hides_in_that_camera_alone_and_never_oneself(state, ahe
     member = np.full((2, CAMERAS), -1)
     member[:, camera] = [0, 1]
     found = seen([state, nearer], member, box, table=table)
-    # The nearer box begins lower: what is left to see of the one behind is above its top.
+    # The nearer box begins lower: only the part above its top is visible of the one behind.
     left = (box[1, 1] - box[0, 1]) / (box[0, 3] - box[0, 1])
     assert found.cover[0, camera] == pytest.approx(1 - left)
     assert found.cover[1, camera] == 0
@@ -145,7 +145,7 @@ def test_the_rate_of_a_camera_is_what_was_drawn_where_others_are_witnesses(seed,
     H, C = 6000, 6
     drawn = np.array([rate] + [usual] * (C - 1))
     hit = rng.random((H, C)) < drawn
-    # As many again are false boxes of a single camera, which all others rightly miss.
+    # An equal number are false boxes of a single camera, which the others correctly miss.
     hit[H // 2 :] = np.eye(C, dtype=bool)[rng.integers(0, C, H // 2)]
     member = np.where(hit, np.arange(H * C).reshape(H, C), -1)
     shape = (H, C)
@@ -153,7 +153,7 @@ def test_the_rate_of_a_camera_is_what_was_drawn_where_others_are_witnesses(seed,
     size, camera = np.full(H * C, 100.0), np.tile(np.arange(C), H)
     trials = ((hit.sum(1, keepdims=True) - hit) >= 3).sum(0)
     found = _learned(views, member, usual_heights(size, camera, C, RULES))(views)
-    # Four standard deviations of a share, beside the pull of the pseudo counts.
+    # Four standard deviations of a share, plus the effect of the pseudo counts.
     pull = RULES.fewest_samples / (trials + RULES.fewest_samples)
     limit = 4 * np.sqrt(drawn * (1 - drawn) / trials) + pull
     assert (np.abs(found[0] - drawn) < limit).all()
@@ -197,6 +197,6 @@ def test_where_there_are_few_cameras_all_others_are_witnesses(cameras):
     member = np.where(rng.random((people, cameras)) < rate, 0, -1)
     views = _in_full_view(member.shape)
     found = _learned(views, member, np.zeros((cameras, 2)))
-    # One in eight is seen by the three others: five deviations of a share of 500.
+    # The three others see one in eight: five deviations of a share of 500.
     np.testing.assert_allclose(found(views), rate, atol=0.11)
     np.testing.assert_allclose(found.usual, rate, atol=0.11)

@@ -1,4 +1,4 @@
-"""Each pass takes a complete state to a complete state, and touches what it decides only."""
+"""Each pass maps a complete state to a complete state, and changes only its own decisions."""
 
 import dataclasses
 from functools import cache
@@ -31,7 +31,7 @@ CHANGED = {
     learn_looks: {"ratios"},
     group_boxes: {
         *("groups", "place", "existence", "trails", "evidence", "probability"),
-        # Of the rows of the tracks that are forgotten:
+        # For the rows of tracks that are dropped:
         *("position_covariance", "coverage", "fate", "identity"),
     },
     weigh_groups: {"rate", "existence"},
@@ -49,7 +49,7 @@ def _observed(detections, scene):
 
 @cache
 def states():
-    """The state before and after each pass."""
+    """Return the state before and after each pass."""
     _, detections, scene = walk(PEOPLE, FRAMES)
     found = [_observed(detections, scene)]
     for run in ALL:

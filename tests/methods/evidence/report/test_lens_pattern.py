@@ -1,4 +1,4 @@
-"""Radial residuals against scipy's least squares, and against lenses that are known to be wrong."""
+"""Radial residuals against scipy's least squares, and for lenses that are known to be wrong."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ from catfree.synthetic import make_world, shop
 
 
 def drawn(seed: int, k1: tuple[float, ...], noise: float) -> tuple[np.ndarray, ...]:
-    """Residuals of cameras with small pose errors, unmodeled distortion, and a few outliers."""
+    """Draw residuals with small pose errors, unmodeled distortion, and a few outliers."""
     rng = np.random.default_rng(seed)
     offset = rng.uniform(-0.8, 0.8, (len(k1), 256, 2))
     linear, shift = rng.normal(0, 0.02, (len(k1), 2, 2)), rng.normal(0, 0.02, (len(k1), 1, 2))

@@ -1,4 +1,4 @@
-"""Rays through the feet against direct intersections, and wrong grounds that they tell."""
+"""Rays through the feet against direct intersections, and wrong grounds that they reveal."""
 
 import dataclasses
 
@@ -29,13 +29,13 @@ def found(world):
 
 
 def raised(scene: Scene, by: float) -> Scene:
-    """The scene with its ground plane moved up."""
+    """Move the ground plane of the scene up."""
     ground = scene.ground
     return dataclasses.replace(scene, ground=Plane(ground.normal, float(ground.offset) - by))
 
 
 def test_heights_are_those_of_the_meeting_points(world):
-    """Least squares over the lines through the foot pixels, in the frame of the scene."""
+    """Compute least squares over the lines through the foot pixels, in the scene's frame."""
     solution = solve(world.detections, world.true_scene)
     rig, boxes = world.true_scene.rig, solution.boxes
     with jax.enable_x64(True):
@@ -131,7 +131,7 @@ def test_few_people_do_not_tell_the_ground(world):
 
 
 def test_the_default_method_runs_the_four_functions_of_rays(world, monkeypatch):
-    """Triangulation, Λ, sigma and the plane test: what is called here is traced for all groups."""
+    """Triangulation, Λ, sigma and the plane test: functions called here are traced."""
     called = set()
     for name in ("triangulate_least_squares", "information", "ground_sigma", "plane_distance"):
         original = getattr(_ray_diagnostics, name)

@@ -1,4 +1,4 @@
-"""Patterns planted in residuals are found, and noise has none."""
+"""Patterns added to residuals are found, and noise has none."""
 
 import dataclasses
 
@@ -22,7 +22,7 @@ ROWS, BLOCK = 600, 12
 
 
 def drawn(seed):
-    """Columns of patterns, and correlated noise of unit variance."""
+    """Draw columns of patterns, and correlated noise of unit variance."""
     rng = np.random.default_rng(seed)
     block = np.arange(ROWS) // BLOCK
     columns = rng.standard_normal((ROWS, 3, 6))
@@ -54,7 +54,7 @@ def test_the_errors_of_as_few_people_as_coefficients_have_no_pattern(seed, peopl
     columns, block, noise = drawn(seed)
     few = block < people
     assert (explained(noise[few], columns[few], block[few]).share <= 0).all()
-    apart = 9 * block[few]  # other cameras see the people between
+    apart = 9 * block[few]  # other cameras see the people in between
     assert (explained(noise[few], columns[few], apart).share <= 0).all()
 
 
@@ -108,7 +108,7 @@ def test_cameras_that_miss_people_on_their_own_see_them_together_as_often_as_exp
 
 
 def test_two_groups_of_cameras_that_see_other_people_are_told():
-    """Everybody is found twice: by the first two cameras, and by the last two at another time."""
+    """Everyone is found twice: by the first two cameras, and by the last two at another time."""
     seen = np.repeat([[True, True, False, False], [False, False, True, True]], 100, axis=0)
     found = seen_together(seen, np.full(seen.shape, 0.5))
     assert (found[:2, 2:] < LEAST_TOGETHER).all()

@@ -1,4 +1,4 @@
-"""Errors of poses move all people together; what is stated about them must match what happens."""
+"""Pose errors move all people together, and the stated errors must match the real ones."""
 
 from dataclasses import replace
 
@@ -111,7 +111,7 @@ def test_what_all_cameras_have_in_common_is_no_error_of_a_pose():
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 12])
 def test_what_few_cameras_have_in_common_strays_as_often_as_stated(count):
     rng = np.random.default_rng(count)
-    # The prior: variances about the assumed one, known as well as from a single draw.
+    # The prior: variances about the assumed one, as uncertain as from a single draw.
     spread = 0.003 / np.sqrt(rng.chisquare(1, 10_000))
     offsets = spread[:, None, None] * rng.standard_normal((10_000, count, 3))
     stated = [np.diag(scatter_between(each, 0.003)) / count for each in offsets]

@@ -23,7 +23,7 @@ RULES = EvidenceSettings()
 
 
 def shift_seen_by(cameras, rig, unit=HEIGHT, rules=RULES):
-    """Shift of one person at (1, 0.5) metres seen by these cameras of a rig."""
+    """Compute the shift of one person at (1, 0.5) meters seen by these cameras of a rig."""
     scene, C = make_scene(rig), rig.camera_count
     state = state_of_boxes(scene, np.array(cameras), 3, unit, rules)
     member = np.full((1, C), -1)
@@ -45,7 +45,7 @@ def test_one_camera_moves_a_raised_person_away_by_distance_over_height():
     shift, xy = shift_seen_by([0], rig)
     views = ground_views(make_scene(rig), HEIGHT)
     away = xy - views.station[0]
-    # Raised by z the visible foot, which is nearer than the body, moves away by z / camera height,
+    # Raised by z, the visible foot, which is nearer than the body, moves away by z / camera height,
     # and the head by z / (camera height - H).
     ratio = shift @ away / (away @ away)
     nearer = 1 - FOOT_AHEAD / np.linalg.norm(away)
@@ -84,7 +84,7 @@ def test_reported_positions_are_as_sure_as_the_settings_ask():
 
 
 def test_the_usual_shift_is_the_median_of_where_the_track_is_seen():
-    """Two tracks: of the first, one instant is a chance match and one is a gap."""
+    """Make two tracks; in the first, one instant is a chance match and one is a gap."""
     track, group = np.array([0, 0, 0, 0, 0, 1]), np.array([0, 1, 2, -1, 3, 4])
     frame = np.array([0, 1, 2, 3, 4, 0])
     trails = Trails(track, frame, group, np.zeros((6, 5)), np.zeros((6, 5, 5)))

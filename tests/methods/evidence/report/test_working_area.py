@@ -22,7 +22,7 @@ CAMERAS = 6
 
 
 def within(share, away=None):
-    """Whether people are in the working area who have these shares of their body in the images.
+    """Return whether people with these shares of their body in the images are in the area.
 
     They all stand in the middle, equally well seen otherwise, or (n,) H0 `away` from it.
     """
@@ -41,17 +41,17 @@ def judge(share, views: GroundViews, away, cameras=CAMERAS):
 
 
 def apart(count):
-    """Positions of which no two are one place."""
+    """Make positions at distinct places."""
     return np.column_stack([np.arange(count) + 0.5, np.zeros(count)])
 
 
 def covered(whole):
-    """Places equally well covered, but for the number of images with the whole body."""
+    """Make places with equal coverage, except for the number of images with the whole body."""
     return np.column_stack([np.full(len(whole), 0.02), whole])
 
 
 def shares(people):
-    """Shares of the body in the images: none, cut, whole."""
+    """Draw shares of the body in the images: none, cut, whole."""
     one = st.lists(st.sampled_from([0.0, 0.5, 1.0]), min_size=CAMERAS, max_size=CAMERAS)
     return st.lists(one, min_size=people[0], max_size=people[1]).map(np.array)
 
@@ -157,7 +157,7 @@ def test_a_few_people_close_to_a_camera_take_nobody_out(usual, close):
 @settings(deadline=None)
 @given(st.integers(1, 300), st.integers(1, 300), st.floats(0.05, 0.25))
 def test_who_stands_for_long_counts_once(standing, again, spread):
-    """People who watch from where two cameras see them are out, however long they watch."""
+    """People who watch from a place seen by two cameras are excluded, however long they stay."""
     rng = np.random.default_rng(standing)
     watching = 100.15 + spread * (rng.random((standing, 2)) - 0.5) / 2
     xy = np.concatenate([apart(20), watching])

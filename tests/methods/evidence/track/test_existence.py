@@ -1,4 +1,4 @@
-"""Log-odds of people: what speaks for them, what against, and how much clutter counts."""
+"""Log-odds of people: evidence for and against them, and the weight of clutter."""
 
 from dataclasses import replace
 
@@ -22,12 +22,12 @@ from tests.methods.evidence.evidence_worlds import bare_boxes
 CAMERAS = 4
 PLAIN = EvidenceSettings(local_clutter=False)
 
-# None that is learned is certain.
+# No learned probability is certain.
 rates = st.lists(st.floats(0, 0.99), min_size=CAMERAS, max_size=CAMERAS).map(np.array)
 
 
 class Scene:
-    """Groups with members, in cells of the ground, and the boxes that they are made of."""
+    """Groups with members, in cells of the ground, and their boxes."""
 
     def __init__(self, there, cell, gain, frame=None):
         there = np.asarray(there, bool)
@@ -54,7 +54,7 @@ class Scene:
 
 
 def one(seen, gain=2.0):
-    """One person in the middle, seen by these cameras; all of them delivered the frame."""
+    """Make one person in the middle, seen by these cameras, all of which have the frame."""
     return Scene([seen, [True] * CAMERAS], [0, 0], [gain, 0.0])
 
 
@@ -94,7 +94,7 @@ def test_more_evidence_of_any_kind_is_more_belief(seen, rate, camera, more):
     assert one(seen).judged(rate, agreement=more).log_odds[0] == pytest.approx(plain + more)
     also = seen.copy()
     also[camera] = True
-    # Found at half the rate of clutter is worth less than nothing, but a likely find is not.
+    # Detections at half the rate of clutter count against a person, but likely ones do not.
     likely = np.maximum(rate, 0.5)
     assert one(also).judged(likely).log_odds[0] >= one(seen).judged(likely).log_odds[0] - 1e-9
 
@@ -146,7 +146,7 @@ def test_a_camera_without_a_picture_is_out_only_where_many_are_expected():
     )
     assert few.all()
     np.testing.assert_array_equal(many, [[True, True, False, True]])
-    # It does not speak against anybody, and its rate says that it did not look.
+    # It does not count against anyone, and its rate shows that it did not look.
     found = scene.judged(0.9)
     assert (found.rate[:, 2] == 0).all()
     np.testing.assert_allclose(found.log_odds, 3 * np.log(0.9))
@@ -160,7 +160,7 @@ def test_a_camera_that_saw_anybody_at_all_had_a_picture():
 
 
 def cluttered(false, true=40):
-    """People in the middle, seen by all, and a place where camera 0 alone sees something."""
+    """Make people in the middle, seen by all, and a place where only camera 0 sees something."""
     there = np.zeros((true + false, CAMERAS), bool)
     there[:true] = True
     there[true:, 0] = True
@@ -177,7 +177,7 @@ def test_where_nobody_confirms_a_camera_it_is_believed_less(false):
     found = scene.judged(0.9, rules=rules)
     against = scene.judged(0.9).log_odds - found.log_odds  # log ratios of clutter of all boxes
     low, high = np.log(rules.clutter_range)
-    # A ratio is of a camera and a place: the others' is as low as it can be.
+    # A ratio belongs to a camera and a place: those of the others are minimal.
     first = against[:40] - (CAMERAS - 1) * low
     assert against[40:].min() > first.max()
     assert first.min() >= low - 1e-9

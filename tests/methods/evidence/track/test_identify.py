@@ -1,4 +1,4 @@
-"""Identities: exchanged and lost ones are mended, the evidence never falls, and who stays alone."""
+"""Identities: switched and lost ones are repaired, and the evidence never falls."""
 
 import dataclasses
 from itertools import pairwise, product
@@ -38,21 +38,21 @@ def population(frames, **changes):
 
 
 class Nodes(NamedTuple):
-    """Positions sorted by frame."""
+    """Sort positions by frame."""
 
     frame: np.ndarray
     seen: SeenPositions
 
 
 def nodes_at(frame, state, noise=NOISE):
-    """Positions sorted by frame, measured (N, 3) with a deviation, without looks."""
+    """Sort positions by frame, measured (N, 3) with a deviation, without appearance."""
     frame, state = np.asarray(frame, int), np.asarray(state, float)
     matrix = np.tile(np.eye(3) / noise**2, (len(frame), 1, 1))
     return Nodes(frame, SeenPositions(matrix, state / noise**2, no_looks(len(frame))))
 
 
 def crowd(seed, people=4, frames=12, room=3.0, recall=0.85):
-    """People drawn from the model in a small room: who, and the positions of those seen."""
+    """Draw people from the model in a small room; return identities and seen positions."""
     rng = np.random.default_rng(seed)
     A, Q = transition(MOTION, 1.0)
     state = np.zeros((people, 5))
@@ -71,13 +71,13 @@ def crowd(seed, people=4, frames=12, room=3.0, recall=0.85):
 
 
 def dense_evidence(nodes, chain, known, habits=HABITS):
-    """Log evidence of chains by multivariate normals over all of a chain's measurements at once."""
+    """Compute the log evidence of chains by one multivariate normal over each chain."""
     total = 0.0
     for name in np.unique(chain):
         rows = np.flatnonzero(chain == name)
         frame = nodes.frame[rows]
         measured = nodes.seen.vector[rows] * NOISE**2
-        # Moments of the states of a new person; a wide place stands for the uniform one.
+        # Moments of the states of a new person; a wide Gaussian stands for the uniform position.
         wide = 1e3
         P = np.diag([wide**2] * 2 + [SPREAD**2] + [MOTION.speed**2] * 2)
         moments, mean = [P], np.tile([measured[0, 0], measured[0, 1], 1.0], len(rows))
@@ -107,7 +107,7 @@ def test_a_sweep_never_lowers_the_evidence_of_the_chains(seed):
     person, nodes = crowd(seed, people=3, frames=7, room=1.0)
     rng = np.random.default_rng(seed)
     known = population(7, settings=EvidenceSettings(foot_outlier=1e-12))
-    # People whose names are exchanged at random instants.
+    # People whose identities switch at random instants.
     chain = person.copy()
     for t in range(1, 7):
         if rng.random() < 0.4:
@@ -149,14 +149,14 @@ def test_names_and_the_order_within_a_frame_change_no_identity(seed, random):
 
 
 def path(frames, start, step, height=1.0):
-    """Someone who walks straight: frames, and states (T, 3)."""
+    """Simulate a person who walks straight: frames, and states (T, 3)."""
     frames = np.asarray(frames)
     xy = np.asarray(start, float) + frames[:, None] * np.asarray(step, float)
     return frames, np.column_stack([xy, np.full(len(frames), height)])
 
 
 def joined(*paths):
-    """Nodes of several paths, and whose they are."""
+    """Return nodes of several paths, and their persons."""
     frame = np.concatenate([p[0] for p in paths])
     state = np.concatenate([p[1] for p in paths])
     who = np.repeat(np.arange(len(paths)), [len(p[0]) for p in paths])
@@ -165,7 +165,7 @@ def joined(*paths):
 
 
 def settled(nodes, chain, known):
-    """After as many sweeps as are made: the futures of the first contain its errors."""
+    """Test after all sweeps: the futures of the first contain its errors."""
     for _ in range(SWEEPS):
         chain = sweep(*nodes, chain, HABITS, known)
     return chain
@@ -222,7 +222,7 @@ def test_looks_decide_whether_two_who_met_passed_or_turned_back():
 
 
 def test_rates_are_shares_of_what_was_seen_with_one_more_of_each():
-    # One person throughout with a gap of two frames, and one who comes and leaves.
+    # One person stays throughout with a gap of two frames; another comes and leaves.
     frame = np.r_[[0, 1, 4, 5], [2, 3]]
     order = np.argsort(frame, kind="stable")
     habits = estimate_habits(frame[order], np.repeat([0, 1], [4, 2])[order], 6)
@@ -260,7 +260,7 @@ def test_of_too_few_steps_the_usual_walk_is_taken():
 
 
 def tracks(person, nodes):
-    """Trails and information of groups that hold the same as nodes."""
+    """Return trails and information of groups with the same content as nodes."""
     N = len(person)
     order = np.lexsort((nodes.frame, person))
     info = Information(nodes.seen.matrix[order], nodes.seen.vector[order], np.zeros(N))

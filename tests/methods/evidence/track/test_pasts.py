@@ -1,4 +1,4 @@
-"""Pasts: the filter knows what all measurements say together, and mixes nobody up."""
+"""Pasts: the filter has the information of all measurements, and mixes up no one."""
 
 import itertools
 
@@ -18,17 +18,17 @@ from catfree.methods.evidence.track._tracking import Motion, transition
 
 MOTION = Motion(0.2, 0.85, 0.03, 0.005)
 SPREAD = 0.06
-WIDE = 1e3  # a place of which nothing is known
+WIDE = 1e3  # spread of an unknown place
 
 
 def measured(state, precision, boxes=1):
-    """Positions (N, 3) with information (N, 3, 3), each with one look."""
+    """Make positions (N, 3) with information (N, 3, 3) and one embedding each."""
     looks = Looks(np.ones((len(state), 1)) * boxes, np.full(len(state), boxes))
     return SeenPositions(precision, np.einsum("nij,nj->ni", precision, state), looks)
 
 
 def followed(frames, seen):
-    """One person: the past after the last frame, from the frames with a position and these."""
+    """Filter one person: return the past after the last frame from these positions."""
     pasts = no_pasts(1)
     for t in range(frames[0], frames[-1] + 1):
         at = np.flatnonzero(np.asarray(frames) == t)

@@ -1,4 +1,4 @@
-"""The two-state chain against the sum over all histories."""
+"""The two-state chain, compared with the sum over all histories."""
 
 import itertools
 
@@ -12,7 +12,7 @@ tracks = st.lists(st.lists(st.floats(-5, 5), min_size=1, max_size=7), max_size=4
 
 
 def trails_of(lengths):
-    """Tracks of these numbers of frames, numbered 3, 5, 7, ..."""
+    """Make tracks with these numbers of frames, numbered 3, 5, 7, ..."""
     track = np.repeat(3 + 2 * np.arange(len(lengths)), lengths)
     frame = np.concatenate([np.arange(n) for n in lengths]) if lengths else np.zeros(0, int)
     n = len(track)
@@ -20,12 +20,12 @@ def trails_of(lengths):
 
 
 def by_histories(evidence, change):
-    """Probability of presence in each frame of one track."""
+    """Compute the probability of presence in each frame of one track."""
     n = len(evidence)
     on, total = np.zeros(n), 0.0
     for history in itertools.product([0, 1], repeat=n):
         h = np.array(history)
-        # The person may leave with the last frame at no cost.
+        # The person may leave at the last frame at no cost.
         starts = (np.diff(np.r_[0, h]) == 1).sum()
         stops = (np.diff(h) == -1).sum()
         weight = np.exp(h @ np.array(evidence) - change * (starts + stops))

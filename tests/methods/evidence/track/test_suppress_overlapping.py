@@ -12,7 +12,7 @@ RADIUS = 0.15
 
 
 def trails(track, frame, xy, seen=None, spread=None):
-    """Tracks at places (n, 2); `seen` false in gaps, `spread` the variance of each position."""
+    """Make tracks at places (n, 2), with `seen` false in gaps and `spread` as variance."""
     track, frame = np.asarray(track, int), np.asarray(frame, int)
     n = len(track)
     mean = np.column_stack([np.reshape(xy, (n, 2)), np.ones(n), np.zeros((n, 2))])
@@ -23,7 +23,7 @@ def trails(track, frame, xy, seen=None, spread=None):
 
 @st.composite
 def crowds(draw):
-    """Tracks that stand still close to one another, with the evidence of each of their rows.
+    """Draw static tracks close to one another, with the evidence of each of their rows.
 
     Evidence saturates, so that many tracks are equally well supported; no two are equally sharp.
     """
@@ -122,7 +122,7 @@ def test_nobody_is_alone_where_nobody_is():
 
 
 def in_camps(personal_space, by_looks):
-    """A crowd with looks that tell everybody apart, in a rig wrong enough for camps of cameras."""
+    """Simulate a crowd with distinct embeddings, in a rig so wrong that cameras disagree."""
     looks = DetectorModel(identity=0.7, view=0.0, camera=0.0, noise=0.0)
     world = make_world("gmvd6", 0, frames=8, detector=looks)
     rules = EvidenceSettings(personal_space=personal_space, link_by_looks=by_looks)
@@ -137,7 +137,7 @@ def pairs_in_one_place(solution):
     return (together & (apart < RADIUS)).sum() // 2
 
 
-# Tracks that go on by looks double fewer people.
+# Tracks continued by appearance duplicate fewer people.
 @pytest.mark.slow
 @pytest.mark.parametrize(("by_looks", "doubled"), [(False, 3), (True, 1)])
 def test_camps_of_cameras_report_one_person_and_nobody_is_lost(by_looks, doubled):

@@ -1,4 +1,4 @@
-"""Tracks: the smoother against one dense solution, people who were drawn, and gaps."""
+"""Tracks: the smoother against a dense solution, simulated people, and gaps."""
 
 import dataclasses
 
@@ -25,13 +25,13 @@ from catfree.methods.evidence.track._tracking import (
 from catfree.settings import EvidenceSettings
 
 MOTION = Motion(0.2, 0.85, 0.03, 0.005)
-# So few people, and so wide a gate, that no step of theirs is somebody new.
+# With so few people and so wide a gate, no step looks like a new person.
 DENSITY, SPREAD = 1e-6, 0.06
 RULES = EvidenceSettings(gate=40.0)
 
 
 def groups_at(frame, state, deviation):
-    """Groups that were seen at states (H, 3) with a deviation of each place and height."""
+    """Make groups seen at states (H, 3) with a deviation of each place and height."""
     frame, state = np.asarray(frame, int), np.asarray(state, float)
     precision = np.broadcast_to(np.eye(3) / deviation**2, (len(frame), 3, 3)).copy()
     vector = state / deviation**2
@@ -48,8 +48,8 @@ def tracked(groups, time, log_odds=3.0, rules=RULES):
 
 @pytest.mark.parametrize("dt", [0.5, 1.0, 3.0])
 def test_a_step_is_that_of_a_velocity_that_fades_and_is_renewed(dt):
-    # Van Loan's integral of dv = -rate v dt + noise, for a memory so long that the position takes
-    # the velocity of the step's beginning along, as the filter does.
+    # Van Loan's integral of dv = -rate v dt + noise, for a memory so long that, as in the filter,
+    # the position moves with the velocity at the step's beginning.
     motion = dataclasses.replace(MOTION, memory=0.9999)
     rate = -np.log(motion.memory)
     F = np.array([[0.0, 1.0], [0.0, -rate]])
@@ -67,7 +67,7 @@ def test_a_step_is_that_of_a_velocity_that_fades_and_is_renewed(dt):
 
 
 def dense_solution(observed, time):
-    """Mean (T, 5) and covariance (T, 5, 5) of one person from one system of all moments.
+    """Compute mean (T, 5) and covariance (T, 5, 5) of a person from one system of all moments.
 
     `observed` is the information (3, 3) and (3,) of each moment, or None in a gap.
     """
@@ -115,7 +115,7 @@ def test_a_smoothed_track_is_the_solution_of_all_its_moments_at_once(seed, frame
 
 
 def crowd(seed, people=6, frames=20, deviation=0.05, recall=0.9):
-    """People drawn from the model, kept apart: who, the true place, and groups of those seen."""
+    """Draw separate people from the model: identities, true places, and groups of those seen."""
     rng = np.random.default_rng(seed)
     A, Q = transition(MOTION, 1.0)
     start = np.stack(np.meshgrid([0.0, 30, 60], [0.0, 30]), -1).reshape(-1, 2)[:people]
@@ -157,7 +157,7 @@ def test_errors_of_tracks_are_as_large_as_stated():
         error = found.mean[seen, :2] - place[found.group[seen]]
         inverse = np.linalg.inv(found.covariance[seen, :2, :2])
         ratio.append(np.einsum("ni,nij,nj->n", error, inverse, error).mean() / 2)
-    # One on average, to within four deviations of the mean of so many crowds.
+    # The mean is one, to within four deviations of the mean over these crowds.
     assert np.mean(ratio) == pytest.approx(1, abs=4 * np.std(ratio) / np.sqrt(len(ratio)))
     assert np.std(ratio) < 0.3
 
@@ -176,7 +176,7 @@ def test_the_order_within_a_frame_renames_and_no_more(seed, random):
     one, other = tracked(groups, np.arange(20)), tracked(mixed, np.arange(20))
 
     def chains(trails, name):
-        """Each track as the groups that it saw, with where it was."""
+        """Return each track as its groups with their positions."""
         return {
             tuple(name[trails.group[rows][trails.group[rows] >= 0]]): trails.mean[rows]
             for rows in (np.flatnonzero(trails.track == k) for k in np.unique(trails.track))
@@ -196,7 +196,7 @@ def test_a_track_bridges_as_many_frames_as_the_settings_allow(missing):
     found = tracked(groups, np.arange(8 + missing), rules=rules)
     bridged = missing <= RULES.gap
     assert len(np.unique(found.track)) == (1 if bridged else 2)
-    # Ends are trimmed: no track lasts beyond the last time that its person was seen.
+    # Ends are trimmed: no track lasts longer than its person was seen.
     assert (found.group < 0).sum() == (missing if bridged else 0)
     inside = found.covariance[:, 0, 0]
     if bridged and missing:
@@ -230,7 +230,7 @@ def test_the_speed_of_a_scattered_crowd_is_what_was_drawn(seed, speed):
     path = place + np.cumsum(step, 0)
     frame = np.repeat(np.arange(frames), people)
     found = estimate_motion(path.reshape(-1, 2), frame, np.arange(frames).astype(float), RULES)
-    # Of 2000 steps the deviation is known to a 60th; paths of 40 steps stay within their cells.
+    # From 2000 steps the deviation is known to 1/60; paths of 40 steps stay in their cells.
     assert found.speed == pytest.approx(np.sqrt((step[1:] ** 2).mean()), rel=0.1)
     assert found.speed == pytest.approx(speed, rel=0.12)
 
@@ -267,7 +267,7 @@ def test_the_speed_over_a_pause_of_the_recording_says_nothing():
 
 
 def uncertain_states(seed, count=4):
-    """Means (n, 5) and covariances (n, 5, 5), and measurements of their first three numbers."""
+    """Draw means (n, 5), covariances (n, 5, 5), and measurements of their first three entries."""
     rng = np.random.default_rng(seed)
     mean, root = rng.standard_normal((count, 5)), rng.standard_normal((count, 5, 5))
     covariance = root @ root.swapaxes(1, 2)
@@ -299,7 +299,7 @@ def test_states_are_as_likely_as_the_measurement_that_they_predict(seed):
     for i, m in enumerate(mean):
         predicted = scipy.stats.multivariate_normal(m[:3], covariance[i][:3, :3] + noise[i])
         exact = scipy.stats.multivariate_normal(measured[i], noise[i]).logpdf(measured[i])
-        # What the form leaves out: the measurement's own square, and the height of its density.
+        # The form omits the measurement's own square and the maximum of its density.
         rest = 0.5 * measured[i] @ vector[i]
         np.testing.assert_allclose(
             found[i] - rest, predicted.logpdf(measured[i]) - exact, rtol=1e-6, atol=1e-6

@@ -49,7 +49,7 @@ def test_the_residual_is_that_of_least_squares(x64, o1, d1, o2, d2, w1, w2):
     residual = float(residual_of_pair(origins, directions, weights))
     across = np.cross(*directions)
     depths = np.array([np.cross(origins[1] - origins[0], d) @ across for d in directions[::-1]])
-    assume((np.abs(depths) > 1e-6).all())  # at a camera centre there is no angle
+    assume((np.abs(depths) > 1e-6).all())  # at a camera center there is no angle
     np.testing.assert_allclose(
         residual, least_squares_residual(origins, directions, weights), atol=1e-7
     )

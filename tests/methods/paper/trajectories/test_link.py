@@ -49,7 +49,7 @@ def test_only_consecutive_time_steps_are_linked():
 def test_as_many_links_as_possible_then_the_shortest():
     rows = [(0, 0, 0), (0, 0.03, 0), (1, 0.02, 0), (1, 0.05, 0)]
     assert link(rows) == [0, 1, 0, 1]
-    # The nearest neighbour would take 0.03 to 0.02 and leave both others alone.
+    # The nearest neighbor would take 0.03 to 0.02 and leave both others alone.
     rows = [(0, 0, 0), (0, 0.03, 0), (1, 0.028, 0), (1, 0.06, 0)]
     assert link(rows) == [0, 1, 0, 1]
 
