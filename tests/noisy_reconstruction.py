@@ -1,4 +1,4 @@
-"""Reconstructions of a known rig, for the tests of what is made of them."""
+"""Reconstructions of a known rig, for tests of code that uses them."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,7 +17,7 @@ def reconstruct(
     points: np.ndarray | None = None,
     **fields: object,
 ) -> Reconstruction:
-    """The rig with normal errors (radians, scene units, relative), in a frame of its own."""
+    """Add normal errors (radians, scene units, relative) to a rig, in a random frame."""
     cameras = rig.camera_count
     turn = Rotation.from_rotvec(rotation * rng.standard_normal((cameras, 3))).as_matrix()
     R = turn @ np.asarray(rig.R)

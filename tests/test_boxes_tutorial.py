@@ -1,4 +1,4 @@
-"""`docs/boxes_to_scores.md`: its files are written, and its commands and lines run on them."""
+"""`docs/boxes_to_scores.md`: its files are written, and its commands and code run on them."""
 
 import re
 import shlex

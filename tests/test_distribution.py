@@ -1,4 +1,4 @@
-"""What surrounds the package: its version, its distributions, how it is cited and tested."""
+"""Around the package: version, distributions, citation and tests."""
 
 import re
 import subprocess
@@ -21,7 +21,7 @@ def document(path):
 
 
 def contents(builder):
-    """Paths of the files that a distribution takes from the checkout."""
+    """Return the files that a distribution takes from the checkout."""
     files = builder(str(ROOT)).recurse_included_files()
     return {Path(file.distribution_path).as_posix() for file in files}
 

@@ -1,4 +1,4 @@
-"""The documentation: its code runs and prints what is stated, its site builds, its tables hold."""
+"""The documentation: code runs and prints the stated output, site builds, tables are right."""
 
 import importlib.util
 import re
@@ -17,7 +17,7 @@ DOCS = ROOT / "docs"
 
 
 def load(name):
-    """A module of the folder of hooks, which is no package."""
+    """Load a module of the hooks' folder, which is not a package."""
     specification = importlib.util.spec_from_file_location(name, DOCS / "hooks" / f"{name}.py")
     assert specification is not None
     assert specification.loader is not None
@@ -36,7 +36,7 @@ def test_most_pages_that_teach_have_code():
 
 @pytest.mark.slow
 def test_the_code_of_all_pages_runs_and_prints_what_they_say():
-    # In a process of its own, where checks of array shapes do not slow a calibration down.
+    # In a separate process, where array shape checks do not slow down a calibration.
     script = str(DOCS / "hooks" / "run_pages.py")
     command = [sys.executable, "-W", "error::RuntimeWarning", script, "--check"]
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
@@ -80,7 +80,7 @@ def test_outputs_agree_but_for_digits(stated, printed, same):
 
 
 def stated_commands():
-    """Each call of `catfree` in the pages, as the words of a shell."""
+    """Yield each call of `catfree` in the pages, as shell words."""
     for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
         blocks = re.findall(
             r"^```bash\n(.*?)^```", path.read_text("utf-8"), re.DOTALL | re.MULTILINE
@@ -111,7 +111,7 @@ def test_stated_commands_and_their_options_exist(capsys):
 
 
 def explained():
-    """What the tables of the page of errors quote in their first column."""
+    """Return the quotes in the first column of the error page's tables."""
     text = (DOCS / "what_goes_wrong.md").read_text("utf-8")
     return re.findall(r"^\| `([^`]+)` \|", text, re.MULTILINE)
 
@@ -145,7 +145,7 @@ def test_the_listing_has_every_class_and_escapes_what_it_shows():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The site, built with warnings as errors."""
+    """Build the site with warnings as errors."""
     for name in ("mkdocs", "material", "mkdocstrings_handlers.python", "nbconvert"):
         pytest.importorskip(name, reason="pip install 'catfree[docs]'")
     out = tmp_path_factory.mktemp("site")

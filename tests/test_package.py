@@ -1,4 +1,4 @@
-"""The package as a whole: what importing it costs, which way imports point, what is documented."""
+"""The package as a whole: cost of importing, direction of imports, documentation."""
 
 import ast
 import importlib
@@ -20,8 +20,8 @@ from catfree._worker import (
 
 ROOT = Path(cf.__file__).parent
 
-# Each room of the house, from the bottom up, and what it may import; `errors`, `types`, `settings`
-# and `_worker` are free to all.
+# Each package, from the bottom up, and the packages that it may import; `errors`, `types`,
+# `settings` and `_worker` may be imported by all.
 FOUNDATION = {"errors", "types", "settings", "_worker"}
 ALLOWED = {
     "errors": set(),
@@ -60,7 +60,7 @@ def source_files() -> list[Path]:
 
 
 def imported(path: Path) -> set[tuple[str, ...]]:
-    """Paths below `catfree` of everything that a module imports from the package."""
+    """Return the paths below `catfree` of all that a module imports from the package."""
     names = set()
     for node in ast.walk(ast.parse((ROOT / path).read_text())):
         if isinstance(node, ast.Import):
@@ -108,7 +108,7 @@ def test_the_entries_of_a_folder_have_an_order(folder):
                 if target[: len(above)] == above and len(target) > len(above)
             }
             needs[own] = needs.get(own, set()) | beside - {own}
-    assert list(TopologicalSorter(needs).static_order())  # raises where imports go in a circle
+    assert list(TopologicalSorter(needs).static_order())  # raises for circular imports
 
 
 @pytest.mark.slow
@@ -161,7 +161,7 @@ def test_imports_are_absolute():
 
 
 def fresh(code: str) -> str:
-    """What a new interpreter prints."""
+    """Return the output of a new interpreter."""
     command = [sys.executable, "-W", "error", "-c", code]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
@@ -223,7 +223,7 @@ def test_a_command_compiles_quickly_unless_told_otherwise(command, given, flags)
         "from catfree.__main__ import main\n"
         f"sys.argv = ['catfree', {command!r}, '--help']\n"
         "with contextlib.suppress(SystemExit): main()\n"
-        "import jax\n"  # which ends the process if it does not know the option
+        "import jax\n"  # ends the process if the option is unknown
         "print(float(jax.jit(lambda x: x + 1)(1.0)), os.environ.get('XLA_FLAGS'))"
     )
     expected = flags if jaxlib_version() <= LAST_WITH_OPTION else given
@@ -259,14 +259,14 @@ def test_every_listed_name_can_be_imported_and_no_other():
         getattr(cf, "locate")  # noqa: B009
 
 
-# Where users find what the library offers.
+# Where users find the library's functions.
 FOLDERS = ("adapters", "calibration", "evaluation", "filters", "geometry", "methods")
 FOLDERS += ("methods.evidence", "synthetic", "testing", "viz")
 PLACES = (cf, *(importlib.import_module(f"catfree.{folder}") for folder in FOLDERS))
 
 
 def public(wanted):
-    """Everything public of a kind in the package and its sub-packages, by its public name."""
+    """Find everything public of a kind in the package and sub-packages, by public name."""
     return {
         f"{place.__name__}.{name}": thing
         for place in PLACES

@@ -1,4 +1,4 @@
-"""The published strategies: what they draw is what they promise, and shrinks to the plain case."""
+"""The published strategies: draws are as documented, and shrink to the plain case."""
 
 import jax
 import numpy as np
@@ -9,7 +9,7 @@ import catfree as cf
 from catfree.errors import InvalidInputError
 from catfree.testing import CLOSEST, observed, rotations, scenes, similarities
 
-# The shape checks of these tests look at a random item of a sequence while a scene is drawn.
+# The tests' shape checks inspect a random item of a sequence while a scene is drawn.
 pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module")
 
 to_rays = jax.jit(jax.vmap(cf.geometry.pixel_to_ray))

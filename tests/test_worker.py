@@ -1,4 +1,4 @@
-"""Workers start at once; variables that are lent to them come back, in any order of borrowers."""
+"""Workers start quickly; lent variables are restored, in any order of borrowers."""
 
 import os
 import pickle

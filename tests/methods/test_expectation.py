@@ -1,4 +1,4 @@
-"""The MODA to expect without labels: laws and worked examples."""
+"""The MODA expected without labels: laws and worked examples."""
 
 import dataclasses
 import math
@@ -182,7 +182,7 @@ def test_both_methods_are_fitted_and_larger_sigma_never_promises_more():
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [2.0, 4.0])
 def test_vaguer_positions_are_expected_to_be_right_less_often(factor):
-    """The expected precision falls with sigma, everything else being equal."""
+    """The expected precision falls with sigma, other things being equal."""
     radius = cf.Settings().evidence.report_radius
     covariance = np.array([[[0.01, 0.002], [0.002, 0.02]]])
     sharp = probability_within(covariance, radius)
@@ -244,7 +244,7 @@ def test_the_report_says_what_to_expect(world, found):
 def test_expected_rates_are_probabilities_and_only_the_evidence_method_has_them(world, found):
     assert found.reliability.expected_precision is None
     said = cf.localize(world.detections, world.scene).reliability
-    assert 0.5 < said.expected_precision <= 1  # it reports what is right more likely than not
+    assert 0.5 < said.expected_precision <= 1  # its reports are more likely right than wrong
     assert 0 < said.expected_recall <= 1
     assert said.moda_low <= said.expected_moda <= said.moda_high
 

@@ -21,13 +21,13 @@ from catfree.synthetic import make_world
 pytestmark = pytest.mark.slow
 
 PAPER = Settings.paper()
-with jax.enable_x64(True):  # so that the scene's rotations are exact to float64
+with jax.enable_x64(True):  # makes the scene's rotations exact in float64
     WORLD = make_world("ring6", seed=1, frames=10, people=10)
 CAMERAS = 6
 
 
 def change(settings: Settings, **stages) -> Settings:
-    """Settings with some fields of some stages replaced."""
+    """Replace some fields of some stages of the settings."""
     return dataclasses.replace(
         settings,
         **{
@@ -38,13 +38,13 @@ def change(settings: Settings, **stages) -> Settings:
 
 
 def rows_of(tracks, position) -> np.ndarray:
-    """Frame and position of each row, in an order that does not depend on track numbers."""
+    """Return frame and position of each row, in an order independent of track numbers."""
     rows = np.column_stack([tracks.frame, position])
     return rows[np.lexsort(np.round(rows.T[::-1], 6))]
 
 
 def share_of_agreement(tracks, other, position, tolerance: float) -> float:
-    """Share of positions of two runs that have a partner in the other within the tolerance."""
+    """Compute the share of positions with a partner in the other run within the tolerance."""
     paired = 0
     for frame in np.union1d(tracks.frame, other.frame):
         one, two = position[tracks.frame == frame], other.position[other.frame == frame]
@@ -56,7 +56,7 @@ def share_of_agreement(tracks, other, position, tolerance: float) -> float:
 
 
 def same_identities(tracks, other, moved, tolerance: float) -> float:
-    """Share of matched positions whose track is the one that its own first position has."""
+    """Compute the share of matched positions whose track agrees with its first position's."""
     partner: dict[int, int] = {}
     agree, total = 0, 0
     for frame in np.intersect1d(tracks.frame, other.frame):
@@ -72,7 +72,7 @@ def same_identities(tracks, other, moved, tolerance: float) -> float:
 
 
 def permuted(detections: Detections, scene: Scene, cameras: np.ndarray, rows: np.ndarray):
-    """The same input with rows reordered and camera k renumbered to cameras[k]."""
+    """Reorder rows of the input and renumber camera k to cameras[k]."""
     moved = detections[rows]
     columns = vars(moved) | {"camera": cameras[moved.camera]}
     rig = scene.rig.select(np.argsort(cameras))
@@ -120,7 +120,7 @@ def test_a_similarity_and_any_order_give_the_same_tracks(
 
 
 def test_supports_point_at_the_callers_rows(reference):
-    """A supporting detection belongs to the camera of its column and the frame of its row."""
+    """Supporting detections belong to the camera of their column and the frame of their row."""
     candidates, seen = reference.candidates, WORLD.detections
     row, camera = np.nonzero(candidates.support >= 0)
     chosen = candidates.support[row, camera]
@@ -166,14 +166,14 @@ def test_the_right_rig_finds_no_fewer_people_than_one_that_is_off(x64, reference
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_float32_far_away_is_close_to_float64(reference, scale):
     extent = float(WORLD.scene.extent)
-    # A scene of about 20 m that is 10 km from the origin.
+    # A scene of about 20 m, 10 km from the origin.
     shift = scale * extent * np.array([300.0, -400.0, 50.0])
     similarity = Similarity(scale, np.eye(3), shift)
     with jax.enable_x64(True):
         scene = transform_scene(similarity, WORLD.scene)
         wanted = np.asarray(similarity(reference.tracks.position))
     found = cf.localize(WORLD.detections, scene, PAPER)
-    # Rays in float32 are exact to 1e-7 rad; what a threshold decides the other way may differ.
+    # Rays in float32 are exact to 1e-7 rad; decisions at a threshold may differ.
     agreement = share_of_agreement(reference.tracks, found.tracks, wanted, 1e-4 * scale * extent)
     assert agreement >= 0.98
 
@@ -377,7 +377,7 @@ def test_lens_distortion_bends_the_rays_back(reference):
 
 
 def crowd(cameras: int, frames: int, people: int, seed: int = 0) -> tuple[Detections, Scene]:
-    """A ring of cameras around people who stand still, every one seen by all, with noise."""
+    """Make a ring of cameras around standing people, each seen by all, with noise."""
     rng = np.random.default_rng(seed)
     angle = np.linspace(0, 2 * np.pi, cameras, endpoint=False)
     centers = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), np.full(cameras, 4.0)])
@@ -406,7 +406,7 @@ def crowd(cameras: int, frames: int, people: int, seed: int = 0) -> tuple[Detect
 
 def test_forty_cameras():
     detections, scene = crowd(40, 3, 5)
-    # Every hypothesis is right here, so the adaptive gates have nothing to separate.
+    # Every hypothesis is right here, so adaptive gates have nothing to separate.
     found = cf.localize(detections, scene, change(PAPER, selection={"gates": "none"}))
     assert len(found.tracks) == 15
     assert (found.tracks.supporting_cameras >= 35).all()
@@ -432,7 +432,7 @@ def test_progress_is_reported_to_the_end():
 
 def test_a_sequence_of_another_length_compiles_nothing():
     cf.localize(WORLD.detections, WORLD.scene, PAPER)
-    # A sequence in which nobody has a rival does not compile what compares rivals.
+    # A sequence without rival hypotheses does not compile their comparison.
     frame, place = np.array([0, 0, 1]), np.zeros((3, 2), np.float32)
     for ranks in (1, 2):
         suppress_by_frame(frame, place, np.ones((3, ranks), np.float32), np.ones(3, bool), 0.5)
@@ -447,7 +447,7 @@ def test_a_sequence_of_another_length_compiles_nothing():
     logger.addHandler(listener)
     try:
         with jax.log_compiles(True):
-            jax.jit(lambda x: x + 12345)(1)  # the listener hears what is compiled
+            jax.jit(lambda x: x + 12345)(1)  # the listener records compilations
             heard = sum("Finished XLA compilation" in message for message in compiled)
             compiled.clear()
             cf.localize(other.detections, other.scene, PAPER)
@@ -459,7 +459,7 @@ def test_a_sequence_of_another_length_compiles_nothing():
 
 @pytest.mark.parametrize("settings", [Settings(), PAPER])
 def test_images_of_another_size_are_told(settings):
-    """The rig of a copy of the videos at half the size."""
+    """Return the rig for the videos at half the size."""
     rig = WORLD.scene.rig
     small = Rig(rig.K, rig.R, rig.t, rig.image_size // 2)
     scene = dataclasses.replace(WORLD.scene, rig=small)
@@ -505,7 +505,7 @@ def test_a_frozen_camera_is_told(settings):
 def test_a_metric_scene_of_higher_cameras_than_people_can_be_seen_from_is_told(settings):
     rig, ground = WORLD.scene.rig, WORLD.scene.ground
     people = cf.localize(WORLD.detections, WORLD.scene, settings)
-    factor = 1000 / float(np.max(ground.signed_distance(rig.centers)))  # it claims kilometers
+    factor = 1000 / float(np.max(ground.signed_distance(rig.centers)))  # claims kilometers
     rig = Rig(rig.K, rig.R, rig.t * factor, rig.image_size)
     ground = cf.Plane(ground.normal, ground.offset * factor)
     told = [

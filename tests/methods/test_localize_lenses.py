@@ -1,4 +1,4 @@
-"""Both methods through lenses that are no pinholes: fisheyes of 180 degrees, and their rays."""
+"""Both methods with lenses that are not pinholes: 180-degree fisheyes, and their rays."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ METHODS = {"evidence": cf.Settings(), "paper": cf.Settings.paper()}
 
 
 def as_rays(rig: cf.Rig, cameras: list[int]) -> cf.Rig:
-    """The same rig with grids of rays in place of the lenses of some cameras."""
+    """Replace the lenses of some cameras of a rig by grids of rays."""
     width, height = rig.image_size[0]
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, 49), np.linspace(-0.5, height - 0.5, 37))
     pixel = np.stack([u, v], -1).reshape(-1, 2)
@@ -34,7 +34,7 @@ def world():
 
 
 def errors(world, localization: cf.Localization) -> np.ndarray:
-    """Distances of the tracks from the nearest person of their frame, in meters."""
+    """Compute distances in meters of tracks from the nearest person of their frame."""
     similarity, tracks = world.scene_from_world, localization.tracks
     away = np.asarray(tracks.position) - np.asarray(similarity.translation)
     place = (away @ np.asarray(similarity.rotation) / float(similarity.scale))[:, :2]
@@ -64,7 +64,7 @@ def test_grids_of_rays_give_what_their_lenses_give(world, method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_fisheyes_find_the_people_that_pinholes_find(world, method):
-    """And as well, within a few centimeters; `benchmarks/lenses.py` has longer worlds."""
+    """Accuracy agrees within a few centimeters; `benchmarks/lenses.py` has longer worlds."""
     pinholes = make_world(shop(fisheye=False), 3, frames=12, people=6, background=0)
     through, straight = (
         errors(one, cf.localize(one.detections, one.scene, METHODS[method]))

@@ -1,4 +1,4 @@
-"""What results remember: which boxes each position rests on, and how fast people walk."""
+"""Links of results: the boxes of each position, and how fast people walk."""
 
 from functools import cache
 
@@ -56,7 +56,7 @@ def test_a_detection_shows_one_person(method):
 
 @BOTH
 def test_boxes_of_one_track_show_one_person(method):
-    """All of them by the evidence method; most of them by the paper's."""
+    """The evidence method links all of them; the paper's method links most."""
     identity, truth = found(method).identity, world().identities
     for track in np.unique(identity[identity >= 0]):
         mine = identity == track
@@ -69,14 +69,14 @@ def test_cameras_are_counted_by_their_boxes():
     np.testing.assert_array_equal((tracks.support >= 0).sum(1), tracks.supporting_cameras)
     gap = tracks.origin == Origin.INTERPOLATED
     assert (tracks.support[gap] == -1).all()
-    # The paper's positions may share a ray, which stands for the nearer one alone.
+    # The paper's positions may share a ray, which counts only for the nearer one.
     tracks = found("paper").tracks
     assert ((tracks.support >= 0).sum(1) <= tracks.supporting_cameras).all()
 
 
 @BOTH
 def test_boxes_that_take_no_part_belong_to_nobody(method):
-    """Boxes below the confidence, in between the others, shift no row and have no identity."""
+    """Interspersed boxes below the confidence shift no row and have no identity."""
     boxes, rng = world().detections, np.random.default_rng(0)
     weak = rng.permutation(len(boxes) + 50) >= len(boxes)
     at = np.cumsum(~weak) - 1
@@ -92,7 +92,7 @@ def test_boxes_that_take_no_part_belong_to_nobody(method):
 
 
 def permuted(detections: Detections, scene: Scene, cameras: np.ndarray, rows: np.ndarray):
-    """The same input with rows reordered and camera k renumbered to cameras[k]."""
+    """Reorder rows of the input and renumber camera k to cameras[k]."""
     moved = detections[rows]
     columns = vars(moved) | {"camera": cameras[moved.camera]}
     rig = scene.rig.select(np.argsort(cameras))
@@ -100,7 +100,7 @@ def permuted(detections: Detections, scene: Scene, cameras: np.ndarray, rows: np
 
 
 def assert_the_same(one: cf.Localization, two: cf.Localization, cameras, rows, scale) -> None:
-    """Row for row the same tracks, with support counted by the first one's detections."""
+    """Check that tracks agree row for row, with support indexing the first one's detections."""
     a, b = one.tracks, two.tracks
     np.testing.assert_array_equal(a.frame, b.frame)
     np.testing.assert_array_equal(a.track_id, b.track_id)
@@ -141,7 +141,7 @@ def test_the_order_of_real_cameras_changes_no_number(shared, name, frames):
 
 
 def straight_walk(step: int) -> tuple[Detections, Scene, np.ndarray, np.ndarray]:
-    """Boxes of five people who walk straight on through the middle at 0.6 m in `step` frames.
+    """Simulate five people who walk straight through the middle at 0.6 m per `step` frames.
 
     Returns:
         The boxes; the scene, in meters; (F, 5, 2) where they are; (5, 2) velocity per frame number.
@@ -180,14 +180,14 @@ def test_velocities_are_those_of_people_who_walk_straight_on(method, step):
     offset = tracks.velocity - velocity[person]
     speed = 0.6 / step
     assert np.median(np.linalg.norm(offset, axis=-1)) < 0.2 * speed
-    # They are what the positions change by, too.
+    # They also match the changes of the positions.
     for one in np.unique(tracks.track_id):
         own = tracks[tracks.track_id == one]
         if len(own) > 6:
             way = (own.ground_xy[-1] - own.ground_xy[0]) / (own.frame[-1] - own.frame[0])
             assert np.linalg.norm(own.velocity.mean(0) - way) < 0.2 * speed
-    # The stated errors are of the size of the true ones; the paper's angular noise is that of real
-    # boxes, whatever these are.
+    # The stated errors have the size of the true ones; the paper's angular noise is that of real
+    # boxes, whatever the noise of these.
     known = np.isfinite(tracks.velocity_covariance).all((1, 2))
     inverse = np.linalg.inv(tracks.velocity_covariance[known])
     square = np.einsum("ni,nij,nj->n", offset[known], inverse, offset[known])

@@ -1,4 +1,4 @@
-"""Cameras without a picture: their silence says nothing."""
+"""Cameras without a picture: missing detections are not evidence."""
 
 import numpy as np
 import pytest
@@ -14,14 +14,14 @@ CAMERAS = SCENE.rig.camera_count
 
 
 def without(camera, first, last):
-    """The detections without the pictures of a camera in some frames, and these pictures."""
+    """Remove a camera's pictures of some frames from the detections; also return these pictures."""
     frames = np.arange(first, last)
     gone = (DETECTIONS.camera == camera) & np.isin(DETECTIONS.frame, frames)
     return DETECTIONS[~gone], np.column_stack([frames, np.full(len(frames), camera)])
 
 
 def existence(localization):
-    """Frame and place, to the decimeter, to existence."""
+    """Map frame and place, to the decimeter, to existence."""
     tracks = localization.tracks
     place = np.round(tracks.ground_xy, 1)
     return {

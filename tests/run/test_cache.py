@@ -1,4 +1,4 @@
-"""The cache finds what equal content gave, survives damage, and never shows half a file."""
+"""The cache returns results of equal content, survives damage, and never returns half a file."""
 
 import dataclasses
 import multiprocessing

@@ -1,4 +1,4 @@
-"""What a failed run leaves behind, and what the command line says about mistakes in its input."""
+"""Files of a failed run, and messages of the command line about mistakes in its input."""
 
 import importlib
 import json
@@ -25,7 +25,7 @@ SIZE, FRAMES = (160, 90), 12
 
 
 def write_noise(folder, cameras=2):
-    """Folders of pictures in which nobody walks."""
+    """Write folders of pictures without people."""
     paths = []
     for camera in range(cameras):
         path = folder / f"cam{camera}"
@@ -92,7 +92,7 @@ def test_files_of_an_earlier_run_stay_and_are_named(tmp_path):
     assert {path: path.read_bytes() for path in before if path not in written} == {
         path: content for path, content in before.items() if path not in written
     }
-    # What was said about other boxes is not true of these.
+    # Statements about other boxes do not apply to these.
     said = [out / "missing_pictures.csv", out / "offsets.csv"]
     for path in said:
         path.write_text("frame,camera,offset\n")
@@ -130,7 +130,7 @@ def test_a_failed_command_names_its_report(command, tmp_path, capsys):
     assert list(out.rglob("*.jpg")) == []
     said = capsys.readouterr().err
     assert said.strip().splitlines()[-1].endswith(f"is in {out / 'report.html'}.")
-    assert "seconds" in said  # the footage, before the work
+    assert "seconds" in said  # the footage table is printed before the work
     assert "needs 2 cameras" in (out / "report.md").read_text()
 
 
@@ -146,7 +146,7 @@ def test_a_scene_in_another_order_is_matched_by_name(tmp_path, capsys):
     written = json.loads((out / "scene.json").read_text())["cameras"]
     assert [camera["name"] for camera in written] == ["cam0", "cam1", "cam2"]
     np.testing.assert_allclose([camera["t"] for camera in written], t[[1, 2, 0]])
-    # What the reader should know stands first.
+    # The most important facts come first.
     lines = [line for line in (out / "report.md").read_text().splitlines() if line]
     assert lines[1] == "## Warnings"
     page = (out / "report.html").read_text()

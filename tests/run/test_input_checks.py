@@ -1,4 +1,4 @@
-"""Mistakes in the input of a run: refused where it would be pointless, said where it goes on."""
+"""Mistakes in the input of a run: fatal ones raise, others give warnings."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -43,7 +43,7 @@ def write_video(path, count, seed=0, fps=5.0):
 
 @pytest.fixture(scope="module")
 def clips(tmp_path_factory):
-    """Cameras a, b and c with 40 frames, and one of half the length."""
+    """Write cameras a, b and c with 40 frames, and one of half the length."""
     folder = tmp_path_factory.mktemp("clips")
     paths = {name: write_video(folder / f"{name}.avi", 40, at) for at, name in enumerate("abc")}
     return paths | {"half": write_video(folder / "half.avi", 20, 9)}
@@ -109,7 +109,7 @@ def test_equal_folders_of_two_names_are_refused(tmp_path):
 
 @pytest.mark.parametrize("suffix", ["png", "bmp"])
 def test_different_recordings_are_not_read(clips, tmp_path, monkeypatch, suffix):
-    """Be it folders, also of images of one size each, or files of one size."""
+    """Also for folders, including images of equal size, and for files of equal size."""
     folders = [write_images(tmp_path / name, range(40), at, suffix) for at, name in enumerate("ab")]
     files = [tmp_path / "a.avi", tmp_path / "b.avi"]
     size = max(clips[name].stat().st_size for name in "ab")
@@ -173,7 +173,7 @@ def test_a_part_of_the_scene_is_found_by_name_alone(clips):
     for names in (["x", "y", "z", "w"], ["C1", "C2", "C3", "C4"]):
         with pytest.raises(InvalidInputError, match="but there are videos of b, a, which are"):
             order_like(scene, names, videos.camera_names)
-    # Boxes that only number their cameras are of the first ones.
+    # Boxes with numbered cameras belong to the first cameras.
     assert order_like(scene, ["x", "y", "z", "w"], ["C1", "C2"], "boxes") == (scene, ())
 
 
@@ -182,7 +182,7 @@ def test_a_short_video_says_what_is_lost(clips):
     (said,) = lost_footage(videos)
     assert "'half' ends early: 20 instants (4.0 s) after it, which 2 other cameras show" in said
     assert lost_footage(SynchronizedVideos([clips["a"], clips["b"]])) == ()
-    # What was not asked for is not lost.
+    # Data that was not requested is not lost.
     assert lost_footage(SynchronizedVideos([clips["a"], clips["half"]], end=20)) == ()
 
 
@@ -195,7 +195,7 @@ def test_boxes_are_people_above_the_noise_of_their_edges(height, count):
         assert f"median height of {count} boxes is {height:.0f} px. Pass a detector" in said[0]
     if height > 30:
         assert said == ()
-    # A detector that is ten times as exact measures lower ones.
+    # A ten times more exact detector can measure smaller ones.
     exact = replace(CalibrationSettings(), pixel_sd=0.4)
     assert tiny_boxes(boxes, exact) == ()
 
@@ -300,7 +300,7 @@ def test_warnings_of_boxes_name_cameras_as_the_user_does():
 
 @pytest.mark.parametrize("names", [("C1", "C3"), ("C3", "north"), ("north", "south")])
 def test_cameras_without_boxes_get_names_of_their_own(names, tmp_path):
-    """A camera is numbered by its place in the scene, where another may have this name."""
+    """A camera is numbered by its place in the scene, in which another may have this name."""
     world = make_world(ring(3, image_size=(640, 360), people=3), frames=12, people=3)
     boxes = CameraBoxes(world.detections[world.detections.camera < 2], names)
     outcome = run_stages(boxes, scene=world.scene)

@@ -1,4 +1,4 @@
-"""What the result folder holds, and what it no longer holds."""
+"""Files in the result folder, and files removed from it."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""From pictures to tracks: stages fit together, resume after a kill, and fail in one sentence."""
+"""From pictures to tracks: stages work together, resume after a kill, fail with one sentence."""
 
 import multiprocessing
 import os
@@ -51,7 +51,7 @@ def small_world():
 
 
 class ReadsItsPicture:
-    """A detector whose pictures say in their first pixel which frame and camera they are."""
+    """A detector for pictures whose first pixel contains frame and camera."""
 
     def __init__(self, detections, *, dies_at=None, score=0.9, name="reads its picture"):
         self.detections, self.dies_at, self.score = detections, dies_at, score
@@ -74,7 +74,7 @@ def detect(videos, detector, embedder=None, cache=None, **options):
 
 
 class Unused:
-    """A reconstructor that nobody calls."""
+    """A reconstructor that is never called."""
 
     fingerprint = "unused"
 
@@ -83,7 +83,7 @@ class Unused:
 
 
 def write_pictures(folder, world, frames=FRAMES, size=SIZE):
-    """Noise whose first pixel holds frame and camera, in red and green."""
+    """Draw noise whose first pixel contains frame and camera, in red and green."""
     rng = np.random.default_rng(0)
     for camera in range(CAMERAS):
         (folder / f"camera {camera}").mkdir(parents=True)
@@ -126,7 +126,7 @@ def test_run_is_detection_and_localization_with_a_known_scene(pictures, tmp_path
     assert len(outcome.localization.tracks) > 0
     assert stages[0] == "detect"
 
-    # Everything is found again: nobody detects, and the result is the same.
+    # Everything is cached: no detection, and the same result.
     again = ReadsItsPicture(world.detections)
     found = run(pictures, again, scene=world.scene, settings=Settings.paper(), cache_dir=tmp_path)
     assert same_content(found, outcome.localization)
@@ -135,7 +135,7 @@ def test_run_is_detection_and_localization_with_a_known_scene(pictures, tmp_path
 
 @pytest.mark.slow
 def test_a_camera_that_fails_halfway_takes_nobody_with_it(tmp_path):
-    """Nothing is concluded from pictures that do not exist."""
+    """Missing pictures are not evidence."""
     frames, half, size = 60, 30, (640, 360)
     world = make_world(ring(CAMERAS, image_size=size, people=4), frames=frames, people=4)
     folders = write_pictures(tmp_path, world, frames, size)
@@ -158,7 +158,7 @@ def test_a_camera_that_fails_halfway_takes_nobody_with_it(tmp_path):
     for _ in range(2):
         cached = run(folders, detector, scene=world.scene, cache_dir=tmp_path / "cache")
         assert same_content(cached, outcome.localization)
-    # Videos that the caller opened deliver the instants that they were opened with.
+    # Videos opened by the caller deliver the instants they were opened with.
     complete = run(SynchronizedVideos(folders), detector, scene=world.scene)
     assert complete.tracks.frame.max() < half
 
@@ -190,13 +190,13 @@ def test_pieces_from_the_cache_are_what_one_pass_gives(pictures, tmp_path):
     assert same_content(
         whole, detect(videos, ReadsItsPicture(world.detections), embedder, cache=stages)
     )
-    # A piece in the middle is lost: only that one is detected again.
+    # A piece in the middle is lost, so only that piece is detected again.
     lost = sorted(tmp_path.glob("boxes-*"))[0]
     lost.unlink()
     detector = ReadsItsPicture(world.detections)
     assert same_content(whole, detect(videos, detector, embedder, cache=stages))
     assert detector.calls in (PIECE * CAMERAS, (FRAMES - 2 * PIECE) * CAMERAS)
-    # Without embedder the boxes serve, without anybody looking.
+    # Without an embedder the cached boxes suffice, with no detection.
     detector = ReadsItsPicture(world.detections)
     bare = detect(videos, detector, cache=stages)
     assert detector.calls == 0
@@ -205,7 +205,7 @@ def test_pieces_from_the_cache_are_what_one_pass_gives(pictures, tmp_path):
 
 
 class Grows(ColorEmbedder):
-    """Rows of another length after the first piece."""
+    """Return rows of another length after the first piece."""
 
     def __init__(self):
         self.calls = 0
@@ -316,11 +316,11 @@ def test_damaged_footage_is_kept_up_to_the_damage(tmp_path):
     found = detect(videos, detector, cache=StageCache(tmp_path / "cache"))
     assert videos.interruption is not None
     assert found.frame.max() == PIECE + 3
-    # The broken piece is not kept as if it were whole.
+    # The incomplete piece is not stored as complete.
     again = ReadsItsPicture(world.detections)
     assert same_content(found, detect(videos, again, cache=StageCache(tmp_path / "cache")))
     assert again.calls == 4 * CAMERAS
-    # The run, with and without a cache, ends there.
+    # With and without a cache, the run ends there.
     for place in (None, tmp_path / "cache"):
         outcome = run_stages(videos, detector, scene=world.scene, cache_dir=place)
         np.testing.assert_array_equal(outcome.frames, np.arange(PIECE + 4))
@@ -423,7 +423,7 @@ def test_detections_type_is_what_users_get(pictures):
 
 
 class Interrupts(ReadsItsPicture):
-    """A detector during which somebody presses Ctrl-C."""
+    """A detector interrupted by Ctrl-C."""
 
     def __call__(self, image):
         if self.calls == (PIECE + 1) * CAMERAS:
@@ -449,7 +449,7 @@ def test_learned_backgrounds_are_kept(tmp_path):
         empty = rng.integers(90, 110, (90, 160, 3)).astype(np.uint8)
         for frame in range(10):
             image = empty.copy()
-            image[30:70, 10 * frame : 10 * frame + 14] = 250  # somebody walks by
+            image[30:70, 10 * frame : 10 * frame + 14] = 250  # a person walks by
             cv2.imwrite(str(tmp_path / f"{camera}/{frame}.png"), image)
     videos = SynchronizedVideos([tmp_path / "0", tmp_path / "1"])
     stages, fits = StageCache(tmp_path / "cache"), []
@@ -515,7 +515,7 @@ def test_clock_offsets_are_removed_and_stated(pictures, tmp_path, monkeypatch):
         pictures, ReadsItsPicture(world.detections), settings=settings, maximum_offset=12
     )
     assert asked == [12]
-    # Before the late camera began, the others locate people alone.
+    # Before the late camera began, the others locate people without it.
     np.testing.assert_array_equal(outcome.frames, np.arange(FRAMES))
     assert outcome.videos.silent.tolist() == [[frame, 1] for frame in range(10)]
     moved = remove_offsets(world.detections, np.array([0, -10, 0]))
@@ -527,10 +527,10 @@ def test_clock_offsets_are_removed_and_stated(pictures, tmp_path, monkeypatch):
         "Camera 'camera 1' was found to have started about 10 frames after the others; its clock "
         "was corrected by that.",
     )
-    # The pictures of the outcome are those that its boxes were found in.
+    # The outcome's pictures are those in which its boxes were found.
     frame, images = next(outcome.videos.instants_from(10))
     assert [frame, *(image[0, 0, 0] for image in images)] == [10, 10, 0, 10]
-    # The results say so to whoever opens boxes and videos again.
+    # The results record it for later use of boxes and videos.
     write_results(tmp_path, outcome, settings, pictures=False)
     boxes = read_camera_boxes(tmp_path)
     assert boxes.offsets == outcome.videos.offsets == (0, -10, 0)

@@ -1,4 +1,4 @@
-"""Fragments of one person's track come together, and nobody else's."""
+"""Fragments of one person's track are joined, and no others."""
 
 from itertools import combinations
 
@@ -36,11 +36,11 @@ def unit(vectors):
 
 
 def sequence(people, holes, *, seed=0, frames=60, looks=True):
-    """People who walk straight on, missing in some frames; every fragment is a track of its own.
+    """Make people who walk straight, missing in some frames; every fragment is a separate track.
 
     Args:
-        people: number of people, 3 m apart, at 0.25 m a frame.
-        holes: person to (first, last) frame without positions.
+        people: number of people, 3 m apart, at 0.25 m per frame.
+        holes: maps a person to the (first, last) frame without positions.
     """
     rng = np.random.default_rng(seed)
     clothes = unit(rng.normal(size=(people, LOOKS)))
@@ -110,7 +110,7 @@ def pairs(labels):
     st.booleans(),
 )
 def test_every_person_gets_one_identity(people, cuts, seed, looks):
-    # Without looks, only a short gap leaves no doubt.
+    # Without appearance, only a short gap is certain.
     longest = 12 if looks else 2
     holes = {one: (begin, begin + min(gap, longest)) for one, (begin, gap) in cuts.items()}
     localization, detections, person = sequence(people, holes, seed=seed, looks=looks)
@@ -121,7 +121,7 @@ def test_every_person_gets_one_identity(people, cuts, seed, looks):
     np.testing.assert_array_equal(joined.position[again], localization.tracks.position[place])
     np.testing.assert_array_equal(pairs(joined.track_id[again]), pairs(person[place]))
     assert set(joined.track_id) == set(range(people))
-    # Who is in which box goes along with the new names.
+    # Box identities follow the new names.
     np.testing.assert_array_equal(pairs(found.identity), pairs(person.repeat(CAMERAS)))
 
 
@@ -151,7 +151,7 @@ def test_another_look_at_the_same_place_is_another_person():
     stranger = np.where(late[:, None], -detections.embedding, detections.embedding)
     swapped = eqx.tree_at(lambda d: d.embedding, detections, stranger)
     joined = stitch_tracks(localization, swapped).tracks
-    assert len(set(joined.track_id[joined.ground_xy[:, 1] == 9.0])) == 2  # the fourth person's
+    assert len(set(joined.track_id[joined.ground_xy[:, 1] == 9.0])) == 2  # the fourth person
 
 
 def test_nobody_crosses_the_square_in_a_frame():
@@ -210,7 +210,7 @@ def test_squared_displacement_of_a_straight_walk(speed):
 
 @given(st.lists(st.tuples(st.integers(0, 12), st.integers(0, 2)), unique=True, max_size=20))
 def test_displacements_are_those_of_all_pairs_of_one_identity(drawn):
-    # Sparse frames: some lags are longer than there are rows, which are left out.
+    # Sparse frames: some lags exceed the number of rows, and are left out.
     frame, identity = np.array(sorted(drawn), int).reshape(-1, 2).T
     rows = len(frame)
     xy = np.random.default_rng(rows).normal(size=(rows, 2))

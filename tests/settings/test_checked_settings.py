@@ -1,4 +1,4 @@
-"""What all settings refuse."""
+"""Values that all settings refuse."""
 
 import dataclasses
 from typing import Any

@@ -1,4 +1,4 @@
-"""The pages of constants are what the settings and the modules say, of every constant."""
+"""The pages of constants agree with settings and modules, for every constant."""
 
 import dataclasses
 import importlib.util
@@ -33,7 +33,7 @@ def hook():
 
 
 def constants(settings: type) -> list[dataclasses.Field]:
-    """Fields that are no switches."""
+    """Return fields that are not switches."""
     fields = dataclasses.fields(settings)
     return [field for field in fields if not isinstance(field.default, bool)]
 
@@ -59,7 +59,7 @@ def test_the_pages_are_made_of_the_settings_and_of_measured_effects(hook):
         assert path.read_text("utf-8") == page()
     measured = json.loads(hook.EFFECTS.read_text("utf-8"))["moda"]
     assert measured.keys() == {field.name for field in constants(EvidenceSettings)}
-    # A working area of a quarter of the size is felt; so the effects are real ones.
+    # A working area of a quarter of the size matters, so the effects are real.
     assert min(measured["working_sigma"]) < -1
 
 

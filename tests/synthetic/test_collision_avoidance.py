@@ -55,7 +55,7 @@ def test_limits_keep_directions(points, longest):
     [
         ((2.0, 0.2, 0.5), -1),  # ahead and a little to the left: pass on the right
         ((2.0, -0.2, 0.5), 1),
-        ((2.0, 3.0, 0.5), 0),  # beside the way
+        ((2.0, 3.0, 0.5), 0),  # beside the path
         ((-2.0, 0.0, 0.5), 0),  # behind
         ((9.0, 0.0, 0.5), 0),  # far ahead
     ],

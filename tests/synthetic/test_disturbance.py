@@ -37,7 +37,8 @@ def test_ground_is_off_by_exactly_the_stated_amounts(seed, tilt, offset):
     wrong = disturb_ground(SCENE.ground, tilt_deg=tilt, offset=offset, about=about, seed=seed)
     sine = np.linalg.norm(np.cross(wrong.normal, SCENE.ground.normal))
     assert np.rad2deg(np.arcsin(sine)) == pytest.approx(tilt, abs=1e-6)
-    # The vertical gap below `about` is the offset: plane height over it, along the true normal.
+    # The vertical gap below `about` is the offset: height of the plane above it, along the true
+    # normal.
     gap = wrong.signed_distance(about) / (wrong.normal @ SCENE.ground.normal)
     assert abs(gap) == pytest.approx(offset, abs=1e-9)
 

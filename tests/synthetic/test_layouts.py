@@ -22,7 +22,7 @@ NAMES = [*LAYOUTS, "ring4", "ring9"]
 
 
 def covering(layout) -> np.ndarray:
-    """Number of cameras that see a whole 1.7 m person at each point of a grid over the area."""
+    """Count cameras that see a whole 1.7 m person at each point of a grid over the area."""
     x = np.linspace(*layout.area[:2], 15)
     y = np.linspace(*layout.area[2:], 25)
     ground = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
@@ -46,7 +46,7 @@ def test_layouts_are_seeded_rigs_above_the_ground_that_see_the_area(name, seed):
     np.testing.assert_array_equal(layout.rig.t, again.rig.t)
     assert (layout.rig.centers[:, 2] > 1.9).all()
     assert not layout.scene.ground.signed_distance(np.zeros(3))
-    # Fewer cameras see less: four narrow ones leave a third of the square to one of them.
+    # Fewer cameras see less: with four narrow ones, one camera alone sees a third of the square.
     needed = 0.6 if layout.rig.camera_count < 6 else 0.75
     assert np.mean(covering(layout) >= 2) > needed
 

@@ -51,7 +51,7 @@ def standing(positions, height: float = 1.7) -> Walkers:
 
 
 def along_the_view(distances) -> tuple:
-    """A level rig and people one behind the other in front of its first camera."""
+    """Make a level rig and people one behind the other in front of its first camera."""
     layout = ring(2, seed=1)
     centre = layout.rig.centers[0]
     forward = layout.rig.R[0, 2, :2] / np.linalg.norm(layout.rig.R[0, 2, :2])
@@ -97,7 +97,7 @@ def test_a_perfect_detector_reports_every_body_inside_an_image(seed):
     large = (extent[:, 0] > 2.0) & (extent[:, 1] > 8.0)
     expected = set(zip(seen.frame[large], seen.camera[large], seen.person[large], strict=True))
     got = set(zip(detections.frame, detections.camera, identity, strict=True))
-    # A truncated box may be too small to report; a whole one never is.
+    # A truncated box may be too small to report; an uncut one never is.
     assert got <= set(zip(seen.frame, seen.camera, seen.person, strict=True))
     whole = (seen.visible.mean(-1) > 0.99) & large
     assert set(zip(seen.frame[whole], seen.camera[whole], seen.person[whole], strict=True)) <= got
@@ -113,7 +113,7 @@ def test_nearer_people_hide_those_behind_and_not_the_reverse():
     assert share[0] == pytest.approx(1.0)
     assert share[1] < 0.7
     assert (hider[0], hider[1]) == (-1, 0)
-    # From 4.5 m and above a head stays visible over the one in front.
+    # From 4.5 m and above, a head stays visible over the one in front.
     rows = seen.visible[first & (seen.person == 1)][0]
     assert rows[0] > rows[ROWS // 2]
 
@@ -178,7 +178,7 @@ def test_appearance_is_strong_in_time_and_weak_across_views():
     in_time, across = np.median(distance[same & view]), np.median(distance[same & ~view])
     others = np.median(distance[~same & ~view])
     assert in_time < 0.2 < 0.3 < across < others - 0.1
-    # Weak: some strangers look more alike than the typical person does from two sides.
+    # Weak: some strangers look more alike than a typical person from two sides.
     assert np.quantile(distance[~same & ~view], 0.05) < np.quantile(distance[same & ~view], 0.95)
 
 

@@ -51,7 +51,7 @@ def test_people_stay_in_the_world_and_move_like_people(seed, fps):
         obstacles=PILLARS,
     )
     here = walkers.position[walkers.present]
-    # A group's outer member walks up to 1.1 m beside its anchor, avoidance may add some.
+    # A group's outer member walks up to 1.1 m beside its anchor, and avoidance may add some.
     reach = max(BACKGROUND_BAND[1], ENTRY_MARGIN) + 2.5
     assert (here[:, 0] > AREA[0] - reach).all()
     assert (here[:, 0] < AREA[1] + reach).all()
@@ -92,7 +92,7 @@ def test_people_enter_leave_stand_and_walk():
     vanishes = ~walkers.present[1:] & walkers.present[:-1]
     assert appears.sum() > 20
     assert vanishes.sum() > 20
-    # Nobody appears or vanishes inside the area, and nobody comes back under the same identity.
+    # No one appears or vanishes inside the area, or returns under the same identity.
     assert not (appears & walkers.inside[1:]).any()
     assert not (vanishes & walkers.inside[:-1]).any()
     assert (appears.sum(0) <= 1).all()
@@ -109,7 +109,7 @@ def test_nobody_orbits_a_waypoint():
     walks = np.linalg.norm(velocity, axis=-1) > 0.5
     angle = np.unwrap(np.arctan2(velocity[..., 1], velocity[..., 0]), axis=0)
     turned = np.where(walks[1:], np.diff(angle, axis=0), 0.0)
-    # Turning without pause in one direction: no ten seconds hold two whole turns.
+    # Turning without pause in one direction: no ten seconds contain two whole turns.
     window = np.cumsum(turned, axis=0)
     assert np.abs(window[100:] - window[:-100]).max() < 4 * np.pi
 

@@ -14,7 +14,7 @@ NO_ERROR = RigError(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def in_metres(world):
-    """The recovered scene without its arbitrary gauge."""
+    """Return the recovered scene without its arbitrary gauge."""
     return transform_scene(world.scene_from_world.inverse(), world.scene, metric=True)
 
 

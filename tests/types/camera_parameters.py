@@ -1,4 +1,4 @@
-"""Valid parameters of some cameras, for the tests of what is made of them."""
+"""Valid parameters of some cameras, for tests of code that uses them."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -1,4 +1,4 @@
-"""Files: never half-written, and damage is one clear error that leaves nothing open."""
+"""Files: never half-written, and damage gives one clear error that leaves no file open."""
 
 import contextlib
 import errno

@@ -1,4 +1,4 @@
-"""`Clock`: seconds of frames, and that everything with frames keeps it."""
+"""`Clock`: seconds of frames, and everything with frames keeps its clock."""
 
 import copy
 import pickle
@@ -41,7 +41,7 @@ def tracks(clock=CLOCK):
 def test_a_frame_is_the_one_nearest_to_its_own_time(rate, start, frame):
     clock = Clock(rate, start)
     near = int(clock.frame_at(clock.seconds(frame)))
-    # Floats far from zero are some distance apart, and time has been rounded three times.
+    # Floats far from zero have gaps between them, and time has been rounded three times.
     apart = float(np.spacing(abs(start) + abs(frame) / rate))
     assert abs(near - frame) <= 3 * apart * rate
 

@@ -1,4 +1,4 @@
-"""`Detections`: what construction accepts, what it refuses and where, and what files give back."""
+"""`Detections`: input that construction accepts or refuses, with its place in errors, and files."""
 
 import inspect
 import itertools

@@ -1,4 +1,4 @@
-"""Ground coordinates and places on Earth: an independent computation agrees, and both ways do."""
+"""Ground coordinates and places on Earth: an independent computation and both directions agree."""
 
 import inspect
 
@@ -12,7 +12,7 @@ from catfree.errors import InvalidInputError
 from catfree.geometry import Similarity, transform_scene
 from catfree.synthetic import make_layout
 
-AXIS, FLAT = 6378137.0, 1 / 298.257223563  # of WGS 84
+AXIS, FLAT = 6378137.0, 1 / 298.257223563  # WGS 84
 
 coordinates = st.floats(-500, 500)
 references = st.tuples(
@@ -22,7 +22,7 @@ references = st.tuples(
 
 
 def earth_centered(longitude, latitude, height=0.0):
-    """Closed form with the reduced latitude: another way to the same point."""
+    """Compute the point by the closed form with the reduced latitude."""
     polar = AXIS * (1 - FLAT)
     reduced = np.arctan(np.tan(latitude) * (1 - FLAT))
     foot = np.array([AXIS * np.cos(reduced), polar * np.sin(reduced)])

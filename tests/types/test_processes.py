@@ -1,4 +1,4 @@
-"""A forked process says that it cannot work, instead of waiting forever."""
+"""A forked process raises an error instead of waiting forever."""
 
 import subprocess
 import sys
@@ -38,5 +38,5 @@ def test_a_process_forked_after_jax_was_used_says_so():
         [sys.executable, "-c", CHILD], capture_output=True, text=True, timeout=120, check=True
     )
     before, after = done.stdout.splitlines()
-    assert before == "0"  # forked before anything was computed
+    assert before == "0"  # forked before any computation
     assert "spawn start method" in after

@@ -1,4 +1,4 @@
-"""`Rig`: what it refuses and where, and its geometry."""
+"""`Rig`: refused input, its place in errors, and geometry."""
 
 import jax
 import jax.numpy as jnp

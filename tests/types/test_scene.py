@@ -1,4 +1,4 @@
-"""`Plane`, `Scene`: what they refuse, their geometry, and the files of rigs and scenes."""
+"""`Plane`, `Scene`: refused input, geometry, and files of rigs and scenes."""
 
 import dataclasses
 import inspect
@@ -208,7 +208,7 @@ def test_a_normal_that_is_nearly_a_unit_is_made_one_and_a_unit_stays_bit_for_bit
     plane = Plane(rough, 5e6)
     assert abs(np.linalg.norm(plane.normal) - 1) < 1e-15
     np.testing.assert_array_equal(Plane(plane.normal, plane.offset).normal, plane.normal)
-    # A point of the plane, far from the origin of a map.
+    # A point on the plane, far from the origin of a map.
     assert abs(plane.signed_distance(-5e6 * rough / (rough @ rough))) < 1e-8
 
 

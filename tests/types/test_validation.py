@@ -32,7 +32,7 @@ from catfree.types._validation import (
     shown_camera,
 )
 
-# Without the import hook of these tests, which would object to the types first.
+# Without the tests' import hook, which would reject the types first.
 SWAPPED = """
 import numpy as np
 import catfree as cf
@@ -117,7 +117,7 @@ def test_public_functions_name_arguments_of_another_type():
     assert done.returncode == 0, done.stderr
 
 
-# As above: what of each call must be in its one sentence.
+# As above: parts of each call that its one sentence must contain.
 MISTAKEN = """
 import sys
 import numpy as np
@@ -364,7 +364,7 @@ def test_long_arguments_make_no_long_sentence():
     assert done.returncode == 0, done.stderr[-2000:]
 
 
-# As above: every reader refuses what is no path, and names that no file can have.
+# As above: all readers refuse values that are not paths, and names impossible for a file.
 PATHS = """
 import catfree as cf
 from catfree import adapters
@@ -546,7 +546,7 @@ def test_a_camera_whose_picture_never_changes_is_named(seed, frames, count, froz
     told = rf"Camera '{'abc'[frozen]}' has exactly the same boxes \({count}\) in all its {frames} "
     with pytest.raises(InvalidInputError, match=told):
         judge(box)
-    judge(np.broadcast_to(box[:, :1], box.shape))  # nobody moves
+    judge(np.broadcast_to(box[:, :1], box.shape))  # no one moves
     box[frozen, frames // 2, 0, 1] += 1e-9
     judge(box)
 
@@ -572,7 +572,7 @@ def test_a_camera_given_twice_is_named_whatever_the_order_of_its_boxes(seed, cou
         require_different_cameras(frames, cameras, boxes, ["a", "b", "c"])
     with pytest.raises(InvalidInputError, match=f"and {high} have"):  # too few names
         require_different_cameras(frames, cameras, boxes, ["a"])
-    # A pixel is enough to tell two videos apart, and few boxes are alike by chance.
+    # One pixel is enough to distinguish two videos, and few boxes are equal by chance.
     boxes[-1, 0] += 1
     require_different_cameras(frames, cameras, boxes)
     require_different_cameras(np.zeros(18, int), np.repeat([0, 1], 9), np.zeros((18, 4)))

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all, under names that nobody can foresee, and errors name them."""
+"""Files are written completely or not at all, under unpredictable names, and errors name them."""
 
 import errno
 import os
@@ -112,6 +112,6 @@ def test_a_folder_in_the_way_is_one_sentence(tmp_path):
 
 
 def test_a_folder_that_nobody_may_write_to_is_refused_before_the_work(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "access", lambda path, mode: not mode & os.W_OK)  # root may do all
+    monkeypatch.setattr(os, "access", lambda path, mode: not mode & os.W_OK)  # root may do anything
     with pytest.raises(WriteError, match=r"write to the folder .*denied\. Name"):
         make_folder(tmp_path)

@@ -1,4 +1,4 @@
-"""Laws of the heat map: it counts what many people did, and says nothing about the others."""
+"""Laws of the heat map: it counts places of many people, and reveals nothing about the others."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ ROWS = st.lists(
 
 
 def walks(rows):
-    """Tracks from identities and places, a quarter of a cell from its borders."""
+    """Make tracks from identities and places, a quarter of a cell from the borders."""
     xy = [(x / 2 + 0.25, y / 2 + 0.25) for _, x, y in rows]
     return tracks_of([identity for identity, _, _ in rows], xy)
 
@@ -107,7 +107,7 @@ def test_the_file_has_the_cells_that_are_shown(tmp_path):
     nobody = heat_map(tracks_of([], []), 1.0)
     assert write_heat_map(tmp_path / "heat.csv", nobody).read_text() == "x,y,positions\n"
     with pytest.raises(InvalidInputError, match=r"name .*heat\.csv"):
-        write_heat_map(tmp_path / "heat.PNG", heat)  # the picture's place
+        write_heat_map(tmp_path / "heat.PNG", heat)  # the picture's path
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Frames that arrive one by one become instants."""
+"""Frames that arrive one by one are assembled into instants."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ RATE = 10.0
 
 
 def boxes(count=1):
-    """`count` boxes of one frame; camera and frame are those that the assembler gives."""
+    """Make `count` boxes of one frame; the assembler sets camera and frame."""
     return Detections(
         np.zeros(count, int), np.zeros(count, int), np.tile([0.0, 0.0, 10.0, 30.0], (count, 1))
     )
@@ -87,7 +87,7 @@ def test_an_instant_waits_until_the_timeout():
     assert assembler.add(0, 0.3, boxes()) == ()
     (second,) = assembler.add(0, 0.4, boxes())
     assert (second.number, second.cameras) == (1, (0,))
-    # Once a newer instant is complete, older ones are handed out before it.
+    # Once a newer instant is complete, older ones are returned before it.
     assert [i.number for i in assembler.add(1, 0.4, boxes())] == [2, 3, 4]
 
 

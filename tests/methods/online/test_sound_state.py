@@ -1,4 +1,4 @@
-"""Saved states of trackers: what is not as in any tracker is refused when it is read."""
+"""Saved states of trackers: states impossible for a tracker are refused on reading."""
 
 import math
 
@@ -44,7 +44,7 @@ def state(request):
 
 @pytest.fixture(scope="module")
 def arrays(tmp_path_factory):
-    """What is in the file of a tracker that knows everything."""
+    """Return the file content of a tracker whose state is complete."""
     path = tmp_path_factory.mktemp("arrays") / "state.npz"
     feed(1.0, 7).state.save(path)
     return dict(np.load(path))

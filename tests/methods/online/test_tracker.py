@@ -1,4 +1,4 @@
-"""Tracking instant by instant: what it promises of final rows, of its state and of its input."""
+"""Tracking instant by instant: guarantees for final rows, state and input."""
 
 import math
 from dataclasses import replace
@@ -30,7 +30,7 @@ def feed(tracker, frames=FRAMES, detections=DETECTIONS, **options):
 
 
 def same(one, other):
-    """Whether two pytrees are equal, bit for bit."""
+    """Return whether two pytrees are equal, bit for bit."""
     a, b = jax.tree.flatten(one), jax.tree.flatten(other)
     equal = [np.array_equal(x, y, equal_nan=True) for x, y in zip(a[0], b[0], strict=True)]
     return a[1] == b[1] and all(equal)
@@ -42,7 +42,7 @@ def final_rows(updates):
 
 @pytest.fixture(scope="module")
 def stream():
-    """All updates of a tracker with a lag of two seconds."""
+    """Return all updates of a tracker with a lag of two seconds."""
     tracker = cf.Tracker(SCENE, lag=2.0)
     return [*feed(tracker), tracker.finish()]
 
@@ -136,7 +136,7 @@ def test_support_names_the_boxes_of_the_instant(stream):
 
 @pytest.mark.slow
 def test_without_lag_positions_are_final_at_once():
-    """Those who are new become final in the next instant, under the same name."""
+    """New people become final in the next instant, under the same identity."""
     for frame, update in enumerate(feed(cf.Tracker(SCENE, lag=0.0), range(8))):
         assert not update.events
         known = np.isin(update.provisional.track_id, update.final.track_id)
@@ -353,7 +353,7 @@ def test_an_infinite_lag_takes_instants_with_different_columns_and_ends_once():
 @pytest.mark.parametrize(("one", "other"), [(1.0, math.inf), (math.inf, 1.0)])
 def test_a_state_of_another_kind_of_lag_is_refused(one, other):
     tracker, later = cf.Tracker(SCENE, lag=one), cf.Tracker(SCENE, lag=other)
-    later.state = tracker.state  # nothing happened yet
+    later.state = tracker.state  # nothing has happened yet
     feed(tracker, range(3))
     with pytest.raises(InvalidInputError, match="infinite lag"):
         later.state = tracker.state
@@ -369,7 +369,7 @@ def test_without_a_lag_final_positions_are_some_of_those_of_now():
         is_final = np.isin(update.provisional.track_id, update.final.track_id)
         is_hidden = (update.provisional.support < 0).all(1)
         not_final = update.provisional.track_id[~is_final & ~is_hidden]
-        assert known.isdisjoint(not_final.tolist())  # who is seen and not final yet is new
+        assert known.isdisjoint(not_final.tolist())  # people seen but not yet final are new
         known |= set(update.final.track_id.tolist())
         now = update.provisional[is_final]
         assert np.array_equal(now.track_id, update.final.track_id)

@@ -1,4 +1,4 @@
-"""Lines of boxes become records of positions."""
+"""Lines of boxes are turned into records of positions."""
 
 import json
 from collections import deque
@@ -22,7 +22,7 @@ anything = st.recursive(
 
 
 def line(camera="north", time=0.0, boxes=((0, 0, 10, 30),), **more):
-    """A line of JSON."""
+    """Make a line of JSON."""
     return json.dumps({"camera": camera, "time": time, "boxes": boxes, **more})
 
 
@@ -109,7 +109,7 @@ def test_what_is_no_text_is_named_and_the_next_line_is_read(value):
 
 
 def lines_of(every, names, rate):
-    """Boxes, as the cameras would send them."""
+    """Yield boxes as cameras would send them."""
     for frame in np.unique(every.frame):
         for camera, name in enumerate(names):
             here = every[(every.frame == frame) & (every.camera == camera)]

@@ -1,4 +1,4 @@
-"""The filters in a row: what removes a hypothesis is what its fate says."""
+"""The filters in sequence: a hypothesis' fate names the filter that removed it."""
 
 import dataclasses
 from typing import Any
@@ -22,7 +22,7 @@ RULES = SelectionSettings()  # RMS gate 0.04 rad, radius 0.018
 
 
 def people(frames: int = 4, count: int = 5) -> Hypotheses:
-    """People who stand far apart, all well seen by three cameras, in every frame."""
+    """Make people who stand far apart, all well seen by three cameras, in every frame."""
     total = frames * count
     person = np.tile(np.arange(count), frames)
     tracklets = np.column_stack([person, person + 100, person + 200])
@@ -45,7 +45,7 @@ def joined(*parts: Hypotheses) -> Hypotheses:
 
 
 def junk(frames: int = 4, count: int = 3, **columns) -> Hypotheses:
-    """Hypotheses far away from the people, with tracklets of their own."""
+    """Make hypotheses far from the people, with their own tracklets."""
     base = people(frames, count)
     far = base._replace(
         ground_xy=base.ground_xy + np.array([0.0, 5.0]),
@@ -88,7 +88,7 @@ def test_each_order_of_the_gates_names_what_removed(gates, uncertain, floating):
     fate = fates(joined(right, wrong, above), gates=gates, recover=False)
     assert (fate[20:32] == uncertain).all()
     assert (fate[32:] == floating).all()
-    if gates != "ground_then_uncertainty_replace":  # which splits what the ground left
+    if gates != "ground_then_uncertainty_replace":  # splits the rest after the ground filter
         assert (fate[:20] == Fate.ACCEPTED).all()
 
 
@@ -120,7 +120,7 @@ def test_a_match_must_last():
     everything = joined(people(), flicker)
     assert (fates(everything, gates="none")[20:] == Fate.TEMPORAL_FILTER).all()
     assert (fates(everything, gates="none", temporal_frames=1)[20:] == Fate.ACCEPTED).all()
-    # One pair of its tracklets that supports anything in another frame is enough.
+    # One pair of its tracklets that supports a hypothesis in another frame is enough.
     pair = once.copy()
     pair[1, :2] = pair[0, :2]
     lasting = joined(people(), flicker._replace(supporting_tracklet=pair))
@@ -154,7 +154,7 @@ def test_the_score_breaks_ties_only_where_it_is_used():
 
 
 def recoverable(cameras: int, shift: float) -> Hypotheses:
-    """One person less well seen than the rest, at a distance from the first of them."""
+    """Add a person seen less well than the rest, at a distance from the first."""
     worse = junk(count=1, cameras=cameras, weight=float(cameras))
     place = np.tile([[shift, 0.0]], (4, 1))
     return worse._replace(ground_xy=place, sigma=np.array([0.02, 0.02, 0.03, 0.03]))
@@ -170,7 +170,7 @@ def test_recovery_is_for_well_seen_people_away_from_the_others(cameras, shift, r
     rules = dataclasses.replace(RULES, gates="uncertainty_replace")
     chosen = select_positions(everything, rules, sigma_theta=SIGMA_THETA)
     assert (chosen.fate[:20] == Fate.ACCEPTED).all()
-    # The thresholds are estimated again on what is left, so some of it passes.
+    # The thresholds are re-estimated on the remaining hypotheses, so some of these pass.
     assert (chosen.fate[20:] == Fate.RECOVERED).any() == recovered
     assert chosen.accepted.sum() == np.isin(chosen.fate, (0, 1)).sum()
     without = fates(everything, gates="uncertainty_replace", recover=False)

@@ -1,4 +1,4 @@
-"""Every number of worker processes sees what one process sees, and ends as it ends."""
+"""Any number of worker processes gives the results and errors of one process."""
 
 import multiprocessing
 import os
@@ -24,7 +24,7 @@ CAMERAS, FRAMES = 3, 3 * CHUNK + 2
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """Somebody walks through the pictures of each camera; one misses a picture."""
+    """Draw a person who walks through the pictures of each camera; one lacks a picture."""
     rng = np.random.default_rng(0)
     paths = [tmp_path_factory.mktemp(f"camera{camera}") for camera in range(CAMERAS)]
     for camera, folder in enumerate(paths):
@@ -40,7 +40,7 @@ def folders(tmp_path_factory):
 
 
 def both_looks(videos, workers, cache=None):
-    """Detections of both passes, and the calls of progress while fitting."""
+    """Return detections of both passes, and the progress calls during fitting."""
     expected = ExpectedPeople(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
     calls = []
 
@@ -104,7 +104,7 @@ def test_damaged_footage_ends_where_it_ends_in_one_process(tmp_path, folders, br
 
 @dataclass
 class Fitted:
-    """Finds a box or, in one camera, something else from one picture on."""
+    """Find a box or, in one camera, return something else from one picture on."""
 
     fingerprint: str
     wrong_from: int
@@ -152,7 +152,7 @@ def test_a_worker_keeps_its_detectors_until_the_end(folders):
 
 @dataclass
 class EndsItsProcess(Fitted):
-    """As the system does where memory is short."""
+    """End the process, as the system does when memory is short."""
 
     def __call__(self, image):
         os._exit(1)
@@ -170,7 +170,7 @@ def test_a_worker_that_ended_is_said(folders):
 
 @dataclass
 class FailsAlone(Fits):
-    """Fails on the pictures of the first camera, and takes minutes for those of the others."""
+    """Fail on the pictures of the first camera, and take minutes for those of the others."""
 
     def fit(self, images):
         if next(iter(images))[0, 0, 0] == 0:
@@ -179,7 +179,7 @@ class FailsAlone(Fits):
 
 
 def pictures_of(tmp_path, colors, frames=2, **options):
-    """Videos of plain pictures."""
+    """Write videos of plain pictures."""
     for camera, color in enumerate(colors):
         folder = tmp_path / str(camera)
         folder.mkdir()
@@ -204,7 +204,7 @@ def test_after_an_error_nobody_waits_for_the_other_processes(tmp_path):
 
 
 class TwoWordsError(Exception):
-    """Somebody else's exception, which cannot be unpickled."""
+    """A third-party exception that cannot be unpickled."""
 
     def __init__(self, one, two):
         super().__init__(f"{one} {two}")
@@ -230,7 +230,7 @@ def test_an_exception_of_somebody_elses_keeps_its_words(tmp_path):
 
 @dataclass
 class WrongInBright(Fitted):
-    """Goes wrong in bright pictures only."""
+    """Fail only on bright pictures."""
 
     def __call__(self, image):
         found = super().__call__(image)
@@ -239,7 +239,7 @@ class WrongInBright(Fitted):
 
 @pytest.mark.slow
 def test_what_one_process_would_not_have_met_is_not_met(tmp_path):
-    """Footage of one camera ends before the detector of the other goes wrong."""
+    """The footage of one camera ends before the other's detector fails."""
     videos = pictures_of(tmp_path, (100, 0), frames=3 * CHUNK, on_error="keep")
     end = CHUNK + 1
     (tmp_path / "1" / f"{end:02d}.png").write_bytes(b"no picture")
@@ -278,7 +278,7 @@ def test_detectors_that_cannot_be_sent_work_here_or_say_so(tmp_path):
 
 
 class LooksOfTwoLengths:
-    """Describes people by as many numbers as the picture is bright."""
+    """Return longer embeddings for brighter pictures."""
 
     fingerprint = "looks"
 

@@ -1,4 +1,4 @@
-"""Where tracked people are expected in the pictures, and what a detector makes of the hint."""
+"""Where tracked people are expected in the pictures, and how a detector uses the hint."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def found(world):
 
 @pytest.fixture(scope="module")
 def videos(tmp_path_factory):
-    """Small pictures whose first pixel says which frame and camera they show."""
+    """Write small pictures whose first pixel contains frame and camera."""
     folders = [tmp_path_factory.mktemp(f"camera{camera}") for camera in range(4)]
     for camera, folder in enumerate(folders):
         for frame in range(20):
@@ -46,7 +46,7 @@ class Guided:
 
 
 class Believes(Guided):
-    """Reports exactly who is expected."""
+    """Report exactly the expected people."""
 
     def look_again(self, image, expected):
         u, v, height = expected.T
@@ -55,7 +55,7 @@ class Believes(Guided):
 
 
 class Repeats(Guided):
-    """Reports what the first look found, whatever is expected."""
+    """Report the boxes of the first pass, whoever is expected."""
 
     def __init__(self, detections):
         self.detections = detections

@@ -1,4 +1,4 @@
-"""Any executor runs the shards; what fails is named and stops nothing else."""
+"""Any executor runs the shards; failures are named and stop nothing else."""
 
 import multiprocessing
 import os
@@ -30,7 +30,7 @@ SCENE = make_layout("ring4", 0).scene
 
 
 class AtOnce(Executor):
-    """Runs each task when it is submitted."""
+    """Run each task on submission."""
 
     def __init__(self):
         self.ended = False
@@ -49,7 +49,7 @@ class AtOnce(Executor):
 
 @pytest.fixture
 def cheap(monkeypatch):
-    """Shards that take no time: what they would find is made up."""
+    """Make shards that take no time, with invented results."""
     rng = np.random.default_rng(0)
     whole = walks(rng, 4, 100)
 
@@ -104,7 +104,7 @@ def test_a_failing_site_stops_no_other(cheap, tmp_path):
 
 def test_shards_that_a_broken_pool_refuses_are_named_and_stop_no_other(cheap, tmp_path):
     class Breaks(AtOnce):
-        """Takes the shards of one site, then loses its processes."""
+        """Accept the shards of one site, then lose all processes."""
 
         def submit(self, task, /, shard, **options):
             if shard.site == "south":
@@ -238,7 +238,7 @@ def nobody(frames):
 
 
 def kill_at(shard, **options):
-    """Run a shard; the second one ends its process."""
+    """Run a shard; the second shard ends its process."""
     if shard.index == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return cf.run_shard(shard, **options)
@@ -259,7 +259,7 @@ def test_a_worker_that_dies_loses_no_finished_shard(tmp_path, monkeypatch):
         cf.run_shards(plan, scene=SCENE, out=tmp_path, executor=pool)
     assert [path.name for path in tmp_path.glob("_shards/part-*.json")] == ["part-00000.json"]
     monkeypatch.undo()
-    (table,) = cf.run_shards(plan, scene=SCENE, out=tmp_path)  # spawned processes of our own
+    (table,) = cf.run_shards(plan, scene=SCENE, out=tmp_path)  # our own spawned processes
     assert len(table.parts) == 2
 
 
@@ -303,7 +303,7 @@ def test_workers_start_in_their_environment_and_this_process_keeps_its_own(tmp_p
         environment["OPENBLAS_NUM_THREADS"] = own
     command = [sys.executable, str(script)]
     said = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
-    # JAX's variables are set when the worker runs: this process may use JAX for the first time.
+    # JAX's variables are set in the worker, because this process may not have used JAX yet.
     kept = worker_environment()["MALLOC_TRIM_THRESHOLD_"]
     assert said.stdout.split() == ["1", kept, "None", "True", str(own), "None", "None", "True"]
 

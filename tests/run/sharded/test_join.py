@@ -1,4 +1,4 @@
-"""The joined table is that of one run: whatever the cuts, the order and the repetitions."""
+"""The joined table equals that of one run for any cuts, order and repetitions."""
 
 import dataclasses
 import hashlib
@@ -22,12 +22,12 @@ SLOW_DISK = settings(max_examples=25, deadline=None)
 
 
 def partners(tracks):
-    """For each pair of rows, whether they are one person."""
+    """Return for each pair of rows whether they are one person."""
     return tracks.track_id[:, None] == tracks.track_id[None, :]
 
 
 def in_place(tracks):
-    """Rows by frame and line, which each person keeps."""
+    """Sort rows by frame and line, as each person stays on a line."""
     return tracks[np.lexsort((np.round(tracks.ground_xy[:, 1]), tracks.frame))]
 
 
@@ -67,7 +67,7 @@ def table_bytes(out):
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """Four shards of five people, written and joined."""
+    """Write and join four shards of five people."""
     out = tmp_path_factory.mktemp("recording")
     rng = np.random.default_rng(3)
     whole = walks(rng, 5, 200)
@@ -97,7 +97,7 @@ def test_order_and_repetition_change_no_byte(recording, tmp_path_factory, order,
 
 
 def test_a_gap_is_bridged_across_shards(tmp_path):
-    """Nine people walk on; one is not seen for two frames just after a cut."""
+    """Nine people keep walking; one is not seen for two frames just after a cut."""
     frame = np.arange(100)
     rows = [
         np.column_stack([frame, 0 * frame + line, 0.25 * frame, 4.0 * line + 0 * frame])
@@ -133,7 +133,7 @@ def test_a_track_in_the_overlap_only_is_not_reported(tmp_path):
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**16), st.integers(20, 150), st.integers(0, 8))
 def test_the_working_area_is_that_of_the_whole_recording(tmp_path_factory, seed, length, known):
-    """Whatever the cuts; people of whom the rig's view is not known stay."""
+    """The area does not depend on the cuts; people with unknown visibility stay."""
     rng, out = np.random.default_rng(seed), tmp_path_factory.mktemp("day")
     whole = walks(rng, 4, 150)
     sigma = np.exp(rng.normal(0, 2, len(whole)))
@@ -172,7 +172,7 @@ def test_the_working_area_is_that_of_the_whole_recording(tmp_path_factory, seed,
 @settings(max_examples=15, deadline=None)
 @given(st.integers(1, 9), st.integers(0, 9), st.integers(20, 150), st.integers(1, 60))
 def test_the_area_is_learned_from_so_many_instants(tmp_path_factory, step, first, length, most):
-    """Whatever the numbers of the frames and the cuts."""
+    """The result is independent of frame numbers and cuts."""
     rng, out = np.random.default_rng(most), tmp_path_factory.mktemp("day")
     whole = walks(rng, 3, 60)
     whole = dataclasses.replace(

@@ -1,4 +1,4 @@
-"""Tracks of one person in two shards are matched, whatever they are called."""
+"""Tracks of one person in two shards are matched, whatever their numbers."""
 
 import numpy as np
 from hypothesis import given, strategies as st

@@ -1,4 +1,4 @@
-"""A plan in a file is the plan, and a damaged one is refused in one sentence."""
+"""A plan is read as written, and a damaged one is refused in one sentence."""
 
 import copy
 import dataclasses
@@ -50,7 +50,7 @@ def test_a_plan_is_read_as_it_was_written(
 
 
 def places(value, path=()):
-    """Paths to everything in a JSON document."""
+    """Yield the paths to all values of a JSON document."""
     yield path
     if isinstance(value, dict | list):
         for key in value if isinstance(value, dict) else range(len(value)):
@@ -136,7 +136,7 @@ def test_boxes_in_memory_do_not_fit_into_a_file(tmp_path):
 def test_finished_shards_are_not_taken_for_those_of_a_plan_that_makes_them_otherwise(tmp_path):
     path, plan = tmp_path / "plan.json", PlanFile(SHARDS, "scene.json", "out")
     paper = dataclasses.replace(plan, method="paper")
-    for one in (paper, plan):  # nothing is finished
+    for one in (paper, plan):  # no shard is finished
         write_plan(path, one)
     (tmp_path / "part-00000.json").write_text("{}")
     fewer = dataclasses.replace(plan, shards=SHARDS[:1])

@@ -1,4 +1,4 @@
-"""A receipt is read as it was written, and one with impossible numbers is refused."""
+"""A receipt is read as written, and one with impossible numbers is refused."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""A shard runs once, says what it is made of, and together they find what one run finds."""
+"""Shards run once, record their inputs, and together find the people that one run finds."""
 
 import dataclasses
 import errno
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def world():
-    """Half a minute with six people, well seen."""
+    """Simulate half a minute with six well-seen people."""
     model = DetectorModel(embedding_size=8, false_positives=0.1)
     return make_world("ring4", 1, frames=160, people=6, detector=model)
 
@@ -39,8 +39,8 @@ def plan(world):
     return cf.shards(world.detections, every=16, overlap=8, frame_rate=5)
 
 
-# In half a minute, a few rows more decide how many images usually show a whole person, and with it
-# the border of the working area.
+# In half a minute, a few rows affect the usual number of images of a whole person, and hence the
+# border of the working area.
 EVERYWHERE = cf.Settings(evidence=EvidenceSettings(working_area=False))
 
 
@@ -87,7 +87,7 @@ def test_a_damaged_shard_runs_again(world, plan, tmp_path, what, monkeypatch):
 
     def counted(shard):
         runs.append(shard)
-        return shard.detections[:0]  # nobody: fast
+        return shard.detections[:0]  # no people: fast
 
     monkeypatch.setattr(module, "boxes_of_shard", counted)
     for expected in (1, 1, 2):
@@ -148,14 +148,14 @@ def test_settings_scene_and_code_change_the_fingerprint(world):
 
 
 class Named:
-    """A detector of which only the name matters."""
+    """A detector whose name alone matters."""
 
     def __init__(self, fingerprint):
         self.fingerprint = fingerprint
 
 
 def test_cameras_that_failed_take_nobody_with_them(world, tmp_path):
-    """Missing pictures say nothing, in a shard as in `localize`."""
+    """Missing pictures are not evidence, in a shard as in `localize`."""
     boxes = world.detections
     failed = boxes[(boxes.camera > 1) | (boxes.frame < 80)]
     silent = [[frame, camera] for frame in range(80, 160) for camera in (0, 1)]
@@ -188,7 +188,7 @@ def test_boxes_of_an_unknown_camera_are_refused(world, tmp_path):
 
 
 def test_an_empty_shard_is_a_shard(world, tmp_path):
-    """Nobody is there between the first and the last minute."""
+    """There are no people between the first and the last minute."""
     boxes = world.detections[world.detections.frame < 5]
     late = Detections(boxes.frame + 600, boxes.camera, boxes.box, score=boxes.score)
     both = Detections(
@@ -221,7 +221,7 @@ def test_sentences_name_cameras_of_boxes(world, tmp_path, monkeypatch, names, sh
         lambda *some, camera_names, **more: given.append(camera_names) or real(*some, **more),
     )
     (shard,) = cf.shards(world.detections, frame_rate=5, camera_names=names)
-    shard = dataclasses.replace(shard, detections=world.detections[:0])  # nobody: fast
+    shard = dataclasses.replace(shard, detections=world.detections[:0])  # no people: fast
     receipt = cf.run_shard(shard, scene=world.true_scene, out=tmp_path)
     assert f"Camera {shown} is moved. Calibrate again." in receipt.warnings
     assert given == [None if names is None else tuple(names)]

@@ -1,4 +1,4 @@
-"""Shards cover a recording once, overlap by what was asked, and read only their own boxes."""
+"""Shards cover a recording once, overlap as requested, and read only their own boxes."""
 
 import itertools
 import pickle

@@ -1,4 +1,4 @@
-"""Lists of sites are read as they stand or refused by name; a site is calibrated once."""
+"""Lists of sites are read as written, or errors name the entry; a site is calibrated once."""
 
 import dataclasses
 import json
@@ -53,7 +53,7 @@ heads = st.fixed_dictionaries(
 
 
 def toml(value):
-    """A value as TOML writes it."""
+    """Format a value as TOML."""
     if isinstance(value, date):
         return value.isoformat()
     if isinstance(value, dict):
@@ -233,7 +233,7 @@ def site_in(folder, name="north", **options):
 
 
 def pictures(folder, width=64):
-    """Ten pictures of nobody from each of two cameras."""
+    """Write ten pictures without people from each of two cameras."""
     cameras = [folder / name for name in "ab"]
     for shade, camera in enumerate(cameras):
         camera.mkdir(parents=True)
@@ -278,7 +278,7 @@ class Fails:
 
 @pytest.mark.slow
 def test_a_detector_that_fails_stops_no_site_of_boxes(folder, executor, tmp_path):
-    """Whether it fails at the calibration or in a shard."""
+    """It may fail in the calibration or in a shard."""
     recording = pictures(tmp_path)
     scene = make_world("ring4", 0, frames=2, people=1).scene
     rig = dataclasses.replace(scene.rig.select([0, 1]), image_size=np.tile([64, 48], (2, 1)))
@@ -370,7 +370,7 @@ def test_cameras_of_saved_boxes_need_the_size_of_the_images(folder, executor, tm
 
 @pytest.fixture
 def calibrations(world, monkeypatch):
-    """First frame of each stretch that was calibrated; the answer is the true scene."""
+    """Record the first frame of each calibrated stretch; calibration returns the true scene."""
     tried = []
 
     def answer(recording, detector, boxes, settings, *, anchors):
@@ -398,7 +398,7 @@ def test_a_site_is_calibrated_once(folder, executor, tmp_path, calibrations):
 
 
 def test_another_date_has_the_scene_of_its_site(folder, tmp_path, calibrations):
-    """Until something else than the recording differs."""
+    """Until something other than the recording differs."""
     make_world("ring4", 5, frames=20, people=2).detections.save(folder / "tuesday.npz")
     monday = site_in(folder, scene=None, image_size=((1920, 1080),) * 4, date="monday")
     tuesday = dataclasses.replace(monday, recording=str(folder / "tuesday.npz"), date="tuesday")
@@ -425,7 +425,7 @@ def test_videos_of_other_sizes_are_of_other_cameras(tmp_path, calibrations):
 
 @pytest.mark.slow
 def test_anchors_of_a_site_are_used_once_for_all_its_dates(folder, tmp_path, monkeypatch):
-    """Whether a file or in memory; other anchors are another calibration."""
+    """Anchors may be a file or in memory; other anchors give another calibration."""
     given = []
 
     def answer(recording, detector, boxes, settings, *, anchors):
@@ -456,7 +456,7 @@ def test_anchors_of_a_site_are_used_once_for_all_its_dates(folder, tmp_path, mon
 
 @pytest.mark.slow
 def test_missing_pictures_of_a_site(folder, tmp_path, monkeypatch):
-    """Who finds the cameras knows what is missing, and so do the shards."""
+    """Calibration knows the missing pictures, and so do the shards."""
     given, plans = [], []
 
     def find(recording, *_, **__):
@@ -494,7 +494,7 @@ def test_missing_pictures_of_a_site(folder, tmp_path, monkeypatch):
 
 
 def test_cameras_of_a_site_are_found_as_those_of_a_run_of_boxes(world, tmp_path, monkeypatch):
-    """From the boxes that are sure enough, of instants that all cameras show."""
+    """Only confident boxes of instants that all cameras show are used."""
     given = []
 
     def find(boxes, size, settings, **options):
@@ -585,7 +585,7 @@ def test_cameras_of_a_scene_belong_to_the_videos_of_their_name(tmp_path):
     other = dataclasses.replace(site, recording=("1.mp4", "2.mp4", "3.mp4", "4.mp4"))
     with pytest.raises(InvalidInputError, match=r"names its cameras north, .* videos of 'a' have"):
         _sites._read_scene(str(path), other)
-    write_scene_json(path, scene)  # numbered cameras tell nothing
+    write_scene_json(path, scene)  # numbered cameras identify nothing
     np.testing.assert_allclose(
         _sites._read_scene(str(path), other)[0].rig.centers, scene.rig.centers, atol=1e-5
     )

@@ -1,4 +1,4 @@
-"""A joined table is read part by part, by us and by others, and damage is noticed."""
+"""A joined table is read part by part, by catfree and others, and damage is detected."""
 
 import json
 import shutil

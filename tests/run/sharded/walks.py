@@ -1,4 +1,4 @@
-"""Tracks of people who walk on a line each, and their shards, made without any boxes."""
+"""Tracks of people who each walk on a line, and their shards, made without boxes."""
 
 import dataclasses
 import itertools
@@ -18,11 +18,11 @@ SCENE = make_layout("ring4", 0).scene
 CAMERAS = 4
 NOISE = 0.02
 HEIGHT = 1.7
-BOXES = Detections([0] * CAMERAS, range(CAMERAS), [[0.0, 0, 1, 2]] * CAMERAS)  # of nobody
+BOXES = Detections([0] * CAMERAS, range(CAMERAS), [[0.0, 0, 1, 2]] * CAMERAS)  # of no person
 
 
 def walks(rng, people, frames, apart=4.0):
-    """People on lines `apart` meters from each other, each present for a stretch of time."""
+    """Make people on lines `apart` meters from each other, each present for some time."""
     rows = []
     for person in range(people):
         length = rng.integers(min(20, frames), frames + 1)
@@ -35,7 +35,7 @@ def walks(rng, people, frames, apart=4.0):
 
 
 def tracks_of(rows):
-    """Tracks from rows frame, track, x, y."""
+    """Make tracks from rows frame, track, x, y."""
     rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
     count = len(rows)
     return Tracks(
@@ -54,7 +54,7 @@ def tracks_of(rows):
 
 
 def plan_of(frames, length, margin):
-    """Shards of `length` frames, as `shards` cuts them."""
+    """Make shards of `length` frames, as `shards` cuts them."""
     count = max(1, int(frames / length + 0.5))
     cuts = [index * length for index in range(count)] + [frames]
     return [
@@ -76,7 +76,7 @@ def as_localization(tracks):
 
 
 def seen_by(shard, tracks, rng):
-    """What a shard finds of these tracks: other names, and a little error of its own."""
+    """Return a shard's version of these tracks: other identities, and small errors."""
     part = tracks[(tracks.frame >= shard.first_seen) & (tracks.frame < shard.stop_seen)]
     names = rng.permutation(int(tracks.track_id.max(initial=0)) + 1)
     columns = {f.name: getattr(part, f.name) for f in dataclasses.fields(part)}
@@ -87,7 +87,7 @@ def seen_by(shard, tracks, rng):
 
 
 def write(out, shard, tracks, run="a run"):
-    """Write the shard as `run_shard` does."""
+    """Write a shard as `run_shard` does."""
     return write_shard(
         files_of(out, shard.index), shard, BOXES,
         as_localization(tracks), Settings(), run=run, scene_file=_write_scene(out, SCENE, None),

@@ -35,7 +35,7 @@ def backgrounds(world, stage):
 
 
 def painter(world, stage, backgrounds, camera, sunlight):
-    # Without sunlight nobody throws a shadow, and what changes in the picture is a body.
+    # Without sunlight there are no shadows, so all changes in the picture are bodies.
     dim = replace(stage, sunlight=sunlight)
     artist = Painter(world.walkers, world.true_rig, camera, backgrounds[camera], dim)
     artist.noise = [artist.noise_middle] * len(artist.noise)
@@ -43,7 +43,7 @@ def painter(world, stage, backgrounds, camera, sunlight):
 
 
 def changes(painted, background):
-    """Where a picture without noise differs from the background."""
+    """Mark where a picture without noise differs from the background."""
     return np.abs(painted.astype(int) - background.picture).max(-1) > 4
 
 
@@ -112,7 +112,7 @@ def test_furniture_hides_who_stands_behind_it(world, stage, backgrounds):
             column, row = np.round(foot).astype(int)
             if not (0 <= column < 640 and 0 <= row < 360) or height < 1:
                 continue
-            # The surface is a radius nearer than the axis; something else may stand before it.
+            # The surface is a radius nearer than the axis; something else may be in front of it.
             to_axis = np.linalg.norm(world.true_centres[camera] - [x, y, height / 3])
             assert nearest[row, column] < to_axis - 0.7 * radius
             assert depth > 0
@@ -231,7 +231,7 @@ def test_an_interruption_leaves_out_the_cameras_that_have_not_begun(tmp_path):
     assert len(list(tmp_path.glob("*.mp4"))) < 8
 
 
-# Python's start runs this: Ctrl-C comes while OpenCV is imported.
+# Runs at Python's start: Ctrl-C arrives while OpenCV is imported.
 AT_IMPORT = """
 import signal, sys
 

@@ -1,4 +1,4 @@
-"""`Tracks.to_arrow` and `Tracks.from_arrow`: every number, and what other programs see."""
+"""`Tracks.to_arrow` and `Tracks.from_arrow`: every number, and the view of other programs."""
 
 import inspect
 import json
@@ -22,7 +22,7 @@ clocks = st.none() | st.builds(Clock, st.floats(0.01, 1e3), st.floats(-1e3, 2e9)
 
 @st.composite
 def any_tracks(draw, cameras=3):
-    """Arguments of `Tracks` with and without clock, existence, velocities and support."""
+    """Draw arguments of `Tracks` with and without clock, existence, velocities and support."""
     count = draw(st.integers(0, 6))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     unknown = rng.random((count, 1)) < 0.3

@@ -1,4 +1,4 @@
-"""A stored result is believed only if every column is what its type declares."""
+"""A stored result is accepted only if every column has its declared type."""
 
 import dataclasses
 
@@ -29,7 +29,7 @@ def tracks(count: int = 3) -> Tracks:
 
 
 def stored() -> Localization:
-    """A result with tracks, one candidate that is known and one that rests on one ray."""
+    """Make a result with tracks, one known candidate, and one with only one ray."""
     candidates = Candidates(
         frame=np.arange(2),
         position=np.zeros((2, 3)),

@@ -1,4 +1,4 @@
-"""`Reconstruction`: what it refuses, and what it fills in."""
+"""`Reconstruction`: refused input and default values."""
 
 import numpy as np
 import pytest

@@ -144,7 +144,7 @@ def test_support_beyond_the_detections_is_named():
 
 @given(st.integers(0, 40), st.integers(0, 5), st.randoms(use_true_random=False))
 def test_numbers_follow_from_when_tracks_begin(count, seed, random):
-    """Whatever the tracks were called and however the rows were sorted."""
+    """The result is independent of track numbers and row order."""
     rng = np.random.default_rng(seed)
     keys = np.unique(rng.integers(0, 7, (count, 2)), axis=0).reshape(-1, 2)
     some = tracks(len(keys))
@@ -213,7 +213,7 @@ def test_every_fate_is_counted():
 
 
 def supported():
-    """Two people in two frames; the second person is seen by camera 0 only, in frame 3."""
+    """Make two people in two frames; only camera 0 sees the second person, in frame 3."""
     boxes = Detections(
         [3, 3, 3, 8, 8],
         [0, 1, 0, 0, 1],

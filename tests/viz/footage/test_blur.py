@@ -1,4 +1,4 @@
-"""What is blurred, and that it cannot be seen any more."""
+"""What is blurred, and that it is no longer visible."""
 
 import dataclasses
 
@@ -64,7 +64,7 @@ def test_a_drawn_frame_shows_no_detail_of_people(world, localization):
 
 @pytest.mark.slow
 def test_people_out_of_the_picture_do_not_hide_it(world, localization):
-    """Also people beside a camera, whose projection is far outside but large."""
+    """Not even people beside a camera, whose projection is large but far outside."""
     size = np.asarray(world.scene.rig.image_size)
     for camera in range(4):
         for frame in np.unique(localization.tracks.frame):

@@ -29,7 +29,7 @@ GREY = np.full((1080, 1920, 3), 128, np.uint8)
 
 @pytest.fixture
 def small(world):
-    """The world's scene and boxes at a tenth of the picture size."""
+    """Return the world's scene and boxes at a tenth of the picture size."""
     rig = world.scene.rig
     K = np.asarray(rig.K) * np.array([[0.1], [0.1], [1.0]])
     scene = Scene(Rig(K, rig.R, rig.t, SIZE), world.scene.ground, world.scene.extent)
@@ -39,7 +39,7 @@ def small(world):
 
 @pytest.fixture
 def videos(tmp_path):
-    """Four gray videos of six frames."""
+    """Write four gray videos of six frames."""
     paths = []
     for camera in range(4):
         paths.append(tmp_path / f"camera_{camera}.mp4")

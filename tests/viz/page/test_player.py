@@ -1,4 +1,4 @@
-"""The report page in browsers: it plays, from the disk alone, whatever the cameras are called."""
+"""The report page in browsers: it plays from disk alone, whatever the camera names."""
 
 import contextlib
 import dataclasses
@@ -26,7 +26,7 @@ FLAGS = (
 
 
 def installed(browsers):
-    """The first of some browsers that this machine has, or a skip that says why."""
+    """Return the first installed browser, or skip with a reason."""
     found = next(filter(None, map(shutil.which, browsers)), None)
     if found is None:
         pytest.skip(f"none of {', '.join(browsers)} is installed: there is nothing to open pages")
@@ -45,7 +45,7 @@ def browser():
 
 @pytest.fixture(scope="module")
 def report(world, localization, tmp_path_factory):
-    """A report with pictures; the green of camera c's picture t is 20 (t + 1), its red 50 c."""
+    """Write a report with pictures; picture t of camera c has green 20 (t + 1) and red 50 c."""
     root = tmp_path_factory.mktemp("report")
     width, height = (int(side) for side in world.scene.rig.image_size[0])
     folders = []
@@ -68,7 +68,7 @@ def report(world, localization, tmp_path_factory):
 
 @pytest.fixture
 def page(browser, report):
-    """The opened report; anything on the console and any request beyond the folder fails."""
+    """Open the report; console output and requests outside the folder fail the test."""
     context = browser.new_context(viewport={"width": 1280, "height": 720})
     tab, wrong = context.new_page(), []
     tab.on("console", lambda message: wrong.append(message.text))
@@ -88,7 +88,7 @@ def instant(page):
 
 
 def pixel(page, canvas, x, y):
-    """Red, green and blue on the screen at shares of a canvas' width and height."""
+    """Return red, green and blue on the screen at fractions of a canvas' width and height."""
     box = page.locator(canvas).bounding_box()
     clip = {"x": box["x"] + x * box["width"], "y": box["y"] + y * box["height"]}
     shot = page.screenshot(clip={**clip, "width": 1, "height": 1})
@@ -209,7 +209,7 @@ def test_every_control_is_reached_by_the_keyboard(page):
 
 
 def test_missing_pictures_are_told(browser, report, tmp_path):
-    """The page alone, copied elsewhere, still plays the plan and the boxes."""
+    """The page alone, copied elsewhere, still plays the map and the boxes."""
     copied = shutil.copy(report, tmp_path / "report.html")
     with contextlib.closing(browser.new_page()) as tab:
         errors = []
@@ -224,7 +224,7 @@ def test_missing_pictures_are_told(browser, report, tmp_path):
 
 @pytest.fixture
 def firefox(report, tmp_path):
-    """The opened report in Firefox; any error of the page and any request elsewhere fails."""
+    """Open the report in Firefox; page errors and requests elsewhere fail the test."""
     driver = pytest.importorskip(
         "marionette_driver.marionette", reason="marionette_driver is not installed"
     )
@@ -255,14 +255,14 @@ def firefox(report, tmp_path):
         client.cleanup()
 
 
-# The driver leaves a socket to the garbage collector whenever Firefox does not answer yet.
+# The driver leaves a socket to the garbage collector while Firefox does not answer.
 leaves_sockets_open = pytest.mark.filterwarnings(
     "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning"
 )
 
 
 def eventually(firefox, condition):
-    """Whether an expression becomes true within some seconds."""
+    """Return whether an expression becomes true within some seconds."""
     return firefox.execute_async_script(
         f"""
         const done = arguments[0], until = Date.now() + 9000;

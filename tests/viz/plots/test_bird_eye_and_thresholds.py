@@ -132,7 +132,7 @@ def test_bird_eye_draws_every_track_ellipse_and_camera(world, localization, fram
 
 
 def crowd(localization):
-    """Forty people who walk about the same square."""
+    """Simulate forty people who walk in one square."""
     rng = np.random.default_rng(0)
     frame, identity = (column.ravel() for column in np.meshgrid(range(8), range(40)))
     start, step = rng.uniform(-0.3, 0.3, (40, 1, 2)), rng.normal(0, 0.02, (40, 8, 2))

@@ -49,7 +49,7 @@ def test_the_residual_is_that_of_least_squares(x64, o1, d1, o2, d2, w1, w2):
     residual = float(residual_of_pair(origins, directions, weights))
     across = np.cross(*directions)
     depths = np.array([np.cross(origins[1] - origins[0], d) @ across for d in directions[::-1]])
-    assume((np.abs(depths) > 1e-6).all())  # at a camera center there is no angle
+    assume((np.abs(depths) > 1e-6).all())  # the angle is undefined at a camera center
     np.testing.assert_allclose(
         residual, least_squares_residual(origins, directions, weights), atol=1e-7
     )
@@ -91,7 +91,7 @@ LAYOUT = make_layout("ring4")
 
 
 def observed(feet, *, embeddings: bool):
-    """Detections of people at places on the ground of a ring of four cameras."""
+    """Make detections of people on the ground of a ring of four cameras."""
     frame, camera = np.array([row[:2] for row in feet]).T
     place = np.array([(x, y, 0.0) for _, _, x, y, _ in feet])
     rig = LAYOUT.rig
@@ -106,7 +106,7 @@ def observed(feet, *, embeddings: bool):
 
 
 def brute_force(observations, rays: Rays, sigma_theta: float, rules: AssociationSettings) -> list:
-    """Every pair against every rule, one at a time."""
+    """Check every pair against every rule, one at a time."""
     count = len(observations)
     ends = [
         (i, j)

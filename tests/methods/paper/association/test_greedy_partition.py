@@ -1,4 +1,4 @@
-"""The parallel partition equals the plain loop over pairs that it stands for."""
+"""The parallel partition equals the plain loop over pairs."""
 
 import numpy as np
 import pytest
@@ -12,14 +12,14 @@ from catfree.methods.paper.association import (
 )
 
 CAMERAS = 4
-PLACES = 24  # detections a problem: one shape, compiled once
+PLACES = 24  # detections per problem: one shape, compiled once
 TOLERANCE = 0.04
 
 CENTERS = np.array([[3.0, 0, 1], [0, 3, 1.2], [-3, 0, 0.8], [0, -3, 1]])
 
 
 def worst_residual(origins, directions, weights) -> tuple[float, float]:
-    """Largest angle at the weighted least-squares point, and the condition of that point."""
+    """Return the largest angle at the weighted least-squares point, and its condition number."""
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     matrix = np.einsum("c,cij->ij", weights, across)
     point = np.linalg.solve(matrix, np.einsum("c,cij,cj->i", weights, across, origins))
@@ -30,7 +30,7 @@ def worst_residual(origins, directions, weights) -> tuple[float, float]:
 
 
 def one_after_the_other(rays: Rays, camera, pairs: CandidatePairs, tolerance: float) -> set:
-    """The partition as a loop: each pair in turn merges its groups, or does not."""
+    """Compute the partition by a loop in which each pair may merge its groups."""
     group = {i: [i] for i in range(len(camera))}
     for first, second, alone in zip(*pairs, strict=True):
         one, other = group[int(first)], group[int(second)]
@@ -43,7 +43,7 @@ def one_after_the_other(rays: Rays, camera, pairs: CandidatePairs, tolerance: fl
         residual, condition = worst_residual(
             rays.origin[rows], rays.direction[rows], rays.weight[rows]
         )
-        # Where rounding would decide, the two need not agree.
+        # If rounding would decide, the two may differ.
         assume(abs(residual - tolerance) > 1e-7)
         assume(condition < 1e7)
         if residual <= tolerance:
@@ -126,7 +126,7 @@ def test_small_windows_and_few_decisions_a_round_change_nothing(x64, small_windo
 
 @pytest.fixture
 def small_windows(monkeypatch):
-    # The window is a shape, so this compiles a variant of its own that knows the other bound.
+    # The window is a shape, so this compiles another variant with the other bound.
     monkeypatch.setattr(partition, "WINDOW", 13)
     monkeypatch.setattr(partition, "DECISIONS", 2)
 
@@ -170,7 +170,7 @@ def test_a_unique_pair_only_joins_those_that_are_alone(x64):
 @pytest.mark.slow
 @pytest.mark.parametrize("cameras", [32, 70])
 def test_any_number_of_cameras(cameras):
-    # Sets of cameras are bit sets of 32 a word.
+    # Sets of cameras are bit sets, 32 per word.
     angle = np.linspace(0, 2 * np.pi, cameras, endpoint=False)
     centers = np.column_stack([np.cos(angle), np.sin(angle), np.full(cameras, 0.5)])
     camera = np.tile(np.arange(cameras), 2)

@@ -32,7 +32,7 @@ robust_on_ground = jax.jit(triangulate_on_ground, static_argnames="refit")
 
 
 def rays_to(targets, noise: float | np.ndarray = 0.0, weight: np.ndarray | None = None) -> Rays:
-    """One ray a camera to each target, in order of targets."""
+    """Make one ray per camera to each target, in order of targets."""
     targets = np.repeat(np.asarray(targets, float), 4, axis=0)
     origin = np.tile(CENTERS, (len(targets) // 4, 1))
     direction = targets - origin + noise

@@ -1,4 +1,4 @@
-"""One-to-one matching against trying everything, and chains of links."""
+"""One-to-one matching against exhaustive search, and chains of links."""
 
 import itertools
 
@@ -17,7 +17,7 @@ EDGES = st.lists(
 
 
 def matchings(edges):
-    """Every choice of edges that uses no source and no target twice."""
+    """Yield all choices of edges that use no source and no target twice."""
     for size in range(len(edges) + 1):
         for chosen in itertools.combinations(range(len(edges)), size):
             sources = [edges[i][0:2] for i in chosen]

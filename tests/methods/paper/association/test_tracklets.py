@@ -1,4 +1,4 @@
-"""Short tracks of one camera: by nearness, by appearance, never over a gap."""
+"""Tracklets of one camera: by distance, by appearance, never over a gap."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ RIG = make_layout("ring4").rig
 
 
 def link(rows, looks=None, **rules) -> list[int]:
-    """Tracklets of boxes 40 x 100 with rows (frame, camera, x, y), in the rows' order."""
+    """Make tracklets of boxes 40 x 100 with rows (frame, camera, x, y), in the rows' order."""
     frame, camera, x, y = np.array(rows, float).T
     box = np.stack([x, y - 100, x + 40, y], axis=-1)
     embedding = None if looks is None else np.array(looks, float)
@@ -52,7 +52,7 @@ def test_the_nearest_assignment_of_all_wins():
 
 
 def test_looks_carry_two_people_past_each_other():
-    # They walk towards each other, 30 pixels a step, and pass between frames 2 and 3.
+    # They walk towards each other, 30 pixels per step, and pass between frames 2 and 3.
     rows = [(f, 0, 30 * f, 500) for f in range(6)] + [(f, 0, 150 - 30 * f, 510) for f in range(6)]
     right, left = [0] * 6, [1] * 6
     looks = [[1.0, 0.2]] * 6 + [[0.2, 1.0]] * 6

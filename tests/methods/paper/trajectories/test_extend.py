@@ -1,4 +1,4 @@
-"""Extension of tracks: where to, how far, and every reason to stop."""
+"""Extension of tracks: direction, length, and all stopping rules."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ RADIUS = 0.018
 
 
 def tracks(*rows, member=None) -> Positions:
-    """Positions with rows (frame, track, x, y), sorted by frame; the observation is the row."""
+    """Make positions from rows (frame, track, x, y), sorted by frame; observations are rows."""
     frame, track, x, y = np.array(sorted(rows), float).reshape(-1, 4).T
     count = len(frame)
     return Positions(
@@ -26,12 +26,12 @@ def tracks(*rows, member=None) -> Positions:
 
 
 def everywhere(frame, xy):
-    """Two cameras support every place, each with the detection that has the frame's number."""
+    """Let two cameras support every place, each with the detection numbered like the frame."""
     return np.tile(frame[:, None], (1, 2)), np.ones(len(frame))
 
 
 def only(*places, weight=1.0):
-    """Two cameras support these (frame, x, y) and nothing else."""
+    """Let two cameras support only these (frame, x, y)."""
 
     def recount(frame, xy):
         seen = np.zeros(len(frame), bool)
@@ -92,7 +92,7 @@ def test_the_velocity_is_the_mean_of_the_last_three_steps():
 @pytest.mark.slow
 def test_the_velocity_is_by_time_not_by_frame_number():
     longer, _ = extend(tracks((1, 0, 0, 0), (2, 0, 0.04, 0)), time=[0, 3, 5, 6, 8])
-    assert added(longer) == [(3, 0, 0.06, 0)]  # time step 6; step 7 is no frame, so it stops
+    assert added(longer) == [(3, 0, 0.06, 0)]  # time step 6; step 7 is not a frame, so it stops
 
 
 def test_the_first_failure_stops():
@@ -128,7 +128,7 @@ def test_the_better_supported_of_two_meeting_tracks_has_the_place():
         support = np.where(xy[:, 0] > 0.0401, 2.0, 1.0)
         return np.zeros((len(frame), 2), int), support
 
-    # Both predict x = 0.04; the one from the right is a little beyond, and better supported.
+    # Both predict x = 0.04; the one from the right goes slightly beyond, and has more support.
     start.ground_xy[start.track == 1] += [0.001, 0]
     longer, _ = extend(start, recount)
     assert [row[1] for row in added(longer) if row[0] == 2] == [1]

@@ -17,7 +17,7 @@ RULES = TrajectorySettings()  # link radius 0.04, appearance weight 1.5
 
 
 def positions(rows, member=None, track=None) -> Positions:
-    """Positions with rows (frame, x, y); by default each rests on an observation of its own."""
+    """Make positions with rows (frame, x, y); by default each has its own observation."""
     frame = np.array([row[0] for row in rows], int)
     count = len(rows)
     return Positions(
