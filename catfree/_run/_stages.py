@@ -43,7 +43,7 @@ def calibrate_cameras(
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Second stage without a known scene: calibrate cameras and ground from confident boxes.
+    """Calibrate cameras and ground from confident boxes: second stage without a known scene.
 
     Args:
         videos: the footage or boxes; only their image sizes, camera names and missing pictures are
@@ -122,7 +122,7 @@ def reconstruct(
     cache: StageCache | None,
     progress: Progress | None,
 ) -> Scene:
-    """Second stage with a reconstructor: aggregate several instants into one static rig."""
+    """Aggregate several instants into one static rig: second stage with a reconstructor."""
     return cached(
         cache,
         "scene",
@@ -142,7 +142,7 @@ def refine_cameras(
     cache: StageCache | None,
     progress: Progress | None,
 ) -> tuple[Scene, tuple[str, ...]]:
-    """Second stage with inaccurate cameras: adjust them to the people.
+    """Adjust cameras to the people: second stage with inaccurate cameras.
 
     Returns:
         The refined scene, or the given one with a sentence that says why.
@@ -173,7 +173,7 @@ def detect_again(
     cache: StageCache | None,
     progress: Progress | None,
 ) -> Detections:
-    """Third stage: detect again where the tracks of the first pass predict people.
+    """Detect again where the tracks of the first pass predict people: third stage.
 
     Args:
         videos: the footage.
@@ -231,7 +231,7 @@ def localize_people(
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Localization:
-    """Last stage: track people on the ground and join track fragments by appearance.
+    """Track people on the ground and join track fragments by appearance: last stage.
 
     Args:
         detections: boxes of all cameras.

@@ -40,7 +40,7 @@ def shifted(sequence: MultiViewSequence, camera: int, times: np.ndarray):
 
 @pytest.fixture(scope="module")
 def room(shared) -> MultiViewSequence:
-    """Half a minute, which takes half the time of the whole to calibrate."""
+    """Select half a minute, which takes half the time of the whole to calibrate."""
     sequence = read_uniform_json(real_path(shared / "data", "cmc1"))
     return sequence.select_frames(sequence.frames[:130])
 

@@ -387,7 +387,7 @@ def test_no_profile_without_people():
 
 
 def body(canvas, u, v, height):
-    """A person of plain zones: head, trunk, two legs."""
+    """Draw a person of plain zones: head, trunk, two legs."""
     legs = [(-0.11, -0.02, 0.5, 1), (0.02, 0.11, 0.5, 1)]
     for left, right, top, bottom in [(-0.06, 0.06, 0, 0.16), (-0.15, 0.15, 0.16, 0.52), *legs]:
         rows = slice(round(v - (1 - top) * height), round(v - (1 - bottom) * height))

@@ -523,7 +523,7 @@ def test_colmap_refuses_what_it_cannot_say(tmp_path):
 
 
 def _ring(count: int) -> Rig:
-    """Cameras on a circle of 10 m radius at 3 m height that look at its middle."""
+    """Place cameras on a circle of 10 m radius at 3 m height, looking at its middle."""
     angle = 2 * np.pi * np.arange(count) / count + 0.1
     center = np.stack([10 * np.cos(angle), 10 * np.sin(angle), np.full(count, 3.0)], -1)
     forward = -center / np.linalg.norm(center, axis=-1, keepdims=True)

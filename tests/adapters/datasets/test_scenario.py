@@ -14,7 +14,7 @@ LOOKING_WEST = [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]
 
 
 def write(folder: Path, rig: dict | None = None, **detections: np.ndarray) -> Path:
-    """Two cameras, three frames, two boxes."""
+    """Write two cameras, three frames and two boxes."""
     K = [[1000.0, 0.0, 960.0], [0.0, 1000.0, 540.0], [0.0, 0.0, 1.0]]
     document = {
         "K": [K, K],

@@ -294,7 +294,7 @@ def test_real_network_finds_shrunken_people_only_in_tiles(shared):
 
 
 def annotated_pictures(shared: Path) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The MultiviewX pictures of one instant as RGB, and the boxes of all people in each."""
+    """Read the MultiviewX pictures of one instant as RGB, and the boxes of all people in each."""
     data = shared / "data/real"
     frame = json.loads((data / "multiviewx_demo10.json").read_text())["frames"][0]
     pictures = []

@@ -11,7 +11,7 @@ QUATERNION = [0.1, -0.3, 0.2, 0.9]
 
 
 def answers(width, height, *, pose=(1, 2, 3, *QUATERNION, 0.8, 1.1), confidence=None):
-    """Answer of the fake network for each view; points contain their column and row."""
+    """Make the fake network's answer for each view; points contain their column and row."""
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
     return {
         "pose_enc": np.array(pose, np.float32),

@@ -31,7 +31,7 @@ class BrightSpot:
 
 
 def write_folders(path, cameras=2, frames=12):
-    """A red block on gray that walks to the right, gone at every fourth frame."""
+    """Draw a red block on gray that moves to the right and is gone in every fourth frame."""
     for camera in range(cameras):
         (path / f"c{camera}").mkdir()
         for frame in range(frames):
