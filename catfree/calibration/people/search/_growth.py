@@ -20,7 +20,6 @@ from catfree.calibration.people.matching._verdict import (
     judge_cameras,
 )
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._camera_pairs import PairHypothesis
 
 CANDIDATES = 4  # placements refined per camera, and searched for on each of its planes
 SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
@@ -56,13 +55,13 @@ class AdjustedRig:
         return sorted(suspects, key=lambda c: per_match[c])
 
 
-def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[PairHypothesis]) -> AdjustedRig:
+def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[AdjustedRig]) -> AdjustedRig:
     """Add cameras to a pair as long as their evidence is sufficient.
 
     Args:
         work: the sequence.
         rig: two cameras.
-        pairs: all pair hypotheses, best first, which yield candidates relative to placed cameras.
+        pairs: all adjusted pairs, best first, which yield candidates relative to placed cameras.
 
     Returns:
         The grown rig.
@@ -134,7 +133,7 @@ def accepted_candidates(
     work: Workspace,
     state: RigState,
     camera: int,
-    pairs: Sequence[PairHypothesis] = (),
+    pairs: Sequence[AdjustedRig] = (),
     most: int | None = CANDIDATES,
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Find the placements of a camera with sufficient evidence, refined.
@@ -143,7 +142,7 @@ def accepted_candidates(
         work: the sequence.
         state: the rig without the camera.
         camera: index of the camera.
-        pairs: pair hypotheses, best first, which yield candidates relative to placed cameras.
+        pairs: adjusted pairs, best first, which yield candidates relative to placed cameras.
         most: number of placements to refine; None for all.
 
     Returns:
@@ -221,7 +220,7 @@ def _candidates(
     work: Workspace,
     state: RigState,
     camera: int,
-    pairs: Sequence[PairHypothesis],
+    pairs: Sequence[AdjustedRig],
 ) -> list[Float[np.ndarray, "7"]]:
     """Distinct placements of a camera, from votes against the rig's people and from pairs."""
     people = group_people(work.voting, state, work.settings).ground
@@ -240,7 +239,7 @@ def _candidates(
     return kept
 
 
-def _compose(state: RigState, pair: PairHypothesis, camera: int) -> Float[np.ndarray, "7"]:
+def _compose(state: RigState, pair: AdjustedRig, camera: int) -> Float[np.ndarray, "7"]:
     """Place a camera relative to the placed camera of a pair."""
     (other,) = np.flatnonzero(pair.state.placed & state.placed)
     relative, anchor = pair.state.parameters[[camera, other]]

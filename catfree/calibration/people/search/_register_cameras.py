@@ -3,7 +3,7 @@
 from itertools import combinations
 
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._camera_pairs import PairHypothesis, search_pair
+from catfree.calibration.people.search._camera_pairs import search_pair
 from catfree.calibration.people.search._growth import AdjustedRig, drop_harmful, fit_rig, grow_rig
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
@@ -32,35 +32,33 @@ def register_cameras(work: Workspace, report: Progress) -> AdjustedRig:
     return drop_harmful(work, grown)
 
 
-def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
-    """Find the best hypothesis of every pair of cameras, sorted by decreasing margin."""
+def _search_pairs(work: Workspace, report: Progress) -> list[AdjustedRig]:
+    """Find and adjust every pair of cameras that sees the same people, by decreasing margin.
+
+    An unadjusted pair has one of a few trial focal lengths. A camera that it places in a rig is too
+    far off to join: in a crowd, its boxes match the neighbors of the right people.
+    """
     couples = list(combinations(range(work.grid.camera_count), 2))
-    pairs: list[PairHypothesis] = []
+    found: list[tuple[float, AdjustedRig]] = []
     for done, couple in enumerate(couples, start=1):
         pair = search_pair(work, *couple)
-        if pair is not None:
-            pairs.append(pair)
+        rig = fit_rig(work, pair.state) if pair is not None and pair.margin > 0 else None
+        if pair is not None and rig is not None and rig.quality[0]:
+            found.append((pair.margin, rig))
         report("pairs", done, len(couples))
-    return sorted(pairs, key=lambda pair: -pair.margin)
+    return [rig for _, rig in sorted(found, key=lambda item: -item[0])]
 
 
-def _grow_pairs(
-    work: Workspace, pairs: list[PairHypothesis], report: Progress
-) -> AdjustedRig | None:
-    """Grow every pair that sees the same people, unless an earlier, better pair grew to include it.
+def _grow_pairs(work: Workspace, pairs: list[AdjustedRig], report: Progress) -> AdjustedRig | None:
+    """Grow every pair that no earlier, better pair grew to include.
 
     Returns:
-        The rig with the most cameras and evidence; None if no pair sees the same people.
+        The rig with the most cameras and evidence; None if there is no pair.
     """
     grown: list[AdjustedRig] = []
     for done, pair in enumerate(pairs):
         report("growth", done, len(pairs))
-        if pair.margin <= 0:
-            break
-        if any(rig.state.placed[pair.state.placed].all() for rig in grown):
-            continue
-        rig = fit_rig(work, pair.state)
-        if rig is not None and rig.quality[0]:
-            grown.append(grow_rig(work, rig, pairs))
+        if not any(rig.state.placed[pair.state.placed].all() for rig in grown):
+            grown.append(grow_rig(work, pair, pairs))
     report("growth", len(pairs), len(pairs))
     return max(grown, key=lambda rig: rig.quality, default=None)

@@ -21,31 +21,32 @@ def test_one_pair_begins_a_rig_at_each_site_and_the_largest_rig_is_returned(site
         couple: margin if site[couple[0]] == site[couple[1]] else -1.0
         for couple, margin in zip(couples, margins, strict=True)
     }
-    pairs = [PairHypothesis(state_of(couple), margin) for couple, margin in shared.items()]
-    pairs.sort(key=lambda pair: -pair.margin)
     begun = []
 
-    def site_of(pair):
-        return site[np.flatnonzero(pair.state.placed)[0]]
+    def searched(_, one, two):
+        return PairHypothesis(state_of((one, two)), shared[one, two])
 
     def fitted(_, state):
-        begun.append(next(pair for pair in pairs if pair.state is state))
         return rig_of(np.flatnonzero(state.placed).tolist())
 
-    def grown(_, rig, __):
+    def grown(_, rig, pairs):
+        begun.append(tuple(rig.verdicts))
+        assert all(shared[tuple(pair.verdicts)] > 0 for pair in pairs)
         of = site[min(rig.verdicts)]
         return rig_of([camera for camera in range(CAMERAS) if site[camera] == of])
 
     with (
+        mock.patch.object(_register_cameras, "search_pair", searched),
         mock.patch.object(_register_cameras, "fit_rig", fitted),
         mock.patch.object(_register_cameras, "grow_rig", grown),
     ):
+        pairs = _register_cameras._search_pairs(WORK, lambda *_: None)
         best = _register_cameras._grow_pairs(WORK, pairs, lambda *_: None)
-    found = [site_of(pair) for pair in begun]
-    assert sorted(found) == sorted({site[a] for (a, _), margin in shared.items() if margin > 0})
-    for pair in begun:
-        of_site = [p.margin for p in pairs if site_of(p) == site_of(pair)]
-        assert pair.margin == max(of_site)
+    sharing = {couple: margin for couple, margin in shared.items() if margin > 0}
+    assert sorted(site[one] for one, _ in begun) == sorted({site[one] for one, _ in sharing})
+    for couple in begun:
+        of_site = [margin for (one, _), margin in sharing.items() if site[one] == site[couple[0]]]
+        assert sharing[couple] == max(of_site)
     assert (best is None) == (not begun)
     if best is not None:
-        assert best.quality[0] == max(site.count(of) for of in found)
+        assert best.quality[0] == max(site.count(site[one]) for one, _ in begun)
