@@ -109,7 +109,7 @@ def expect_moda(
 
 
 def _doubt(reliability: Reliability) -> str | None:
-    """Say why the cameras may be wrong: patterns that no cameras in order leave, or few people."""
+    """Say why the cameras may be wrong: the boxes contradict them, or few people placed them."""
     bend, shift = reliability.lens_bend, reliability.shift_over_radius
     together, deviation = reliability.least_together, reliability.rig_sd_over_radius
     if (

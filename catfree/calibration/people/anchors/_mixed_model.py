@@ -72,8 +72,13 @@ def fit_mixed_model(
         identity = jnp.eye(len(keep), dtype=matrix.dtype)
         return jnp.where(block, jnp.linalg.inv(jnp.where(block, matrix, identity)), 0)
 
-    def solve(at: Array, frame: Array) -> tuple[Linearized, Array, Array, Array]:
-        """Linearize: the gains of cameras and frame, and the information about the off numbers."""
+    def solve(at: Array, frame: Array) -> tuple[Linearized, Array, Array, Array, Array, Array]:
+        """Linearize at an estimate.
+
+        Returns:
+            The comparison, its slopes by the cameras, what is off at the people's cameras, the
+            gains of cameras and frame, and the information about what is off.
+        """
         compared = linearize(stated, at, frame)
         J = compared.slopes.reshape(len(rows), -1)
         A, G = J[:, :size], jnp.where(free[None, :], J[:, size:], 0)
@@ -81,26 +86,20 @@ def fit_mixed_model(
         W = masked_inverse(A @ prior @ A.T + noise, rows)
         H = masked_inverse(G.T @ W @ G, free) @ G.T @ W
         M = W - W @ G @ H
-        return compared, prior @ A.T @ M, H, M
-
-    def off_from_people(compared: Linearized, at: Array) -> Array:
-        by_cameras = compared.slopes.reshape(len(rows), -1)[:, :size]
-        return compared.off.ravel() + by_cameras @ (at - cameras).ravel()
+        off = compared.off.ravel() + A @ (at - cameras).ravel()
+        return compared, A, off, prior @ A.T @ M, H, M
 
     def improve(unknowns: Any, _: Any) -> Any:
         at, frame = unknowns
-        compared, K, H, _ = solve(at, frame)
-        off = off_from_people(compared, at)
+        _, _, off, K, H, _ = solve(at, frame)
         return cameras + (K @ off).reshape(at.shape), frame + H @ off
 
     solver = optx.FixedPointIteration(rtol=CONVERGED, atol=CONVERGED, norm=optx.max_norm)
     solution = optx.fixed_point(improve, solver, (cameras, start), max_steps=ROUNDS, throw=False)
     at, frame = solution.value
-    compared, K, H, M = solve(at, frame)
-    off = off_from_people(compared, at)
+    compared, A, off, K, H, M = solve(at, frame)
     # The error of cameras and frame, by those of the people's cameras and of the measurements: a
     # covariance in this form is positive definite even where measurements are exact.
-    A = compared.slopes.reshape(len(rows), -1)[:, :size]
     by_people = jnp.concatenate([jnp.eye(size, dtype=A.dtype) - K @ A, -H @ A])
     by_noise = jnp.concatenate([K, H])
     covariance = by_people @ prior @ by_people.T
