@@ -1,7 +1,9 @@
 """Growth of a rig from a pair: place further cameras, accept them, and remove harmful ones."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain, islice
 
 import numpy as np
 from jaxtyping import Float
@@ -55,13 +57,34 @@ class AdjustedRig:
         return sorted(suspects, key=lambda c: per_match[c])
 
 
-def grow_rig(work: Workspace, rig: AdjustedRig, pairs: list[AdjustedRig]) -> AdjustedRig:
+class CameraPair:
+    """Two cameras that seem to see the same people, adjusted when they are first needed.
+
+    A pair of the search has one of a few trial focal lengths. A camera that it places in a rig is
+    too far off to join: in a crowd, its boxes match the neighbors of the right people.
+
+    Attributes:
+        members: (C,) which two cameras.
+    """
+
+    def __init__(self, work: Workspace, state: RigState) -> None:
+        self._work, self._state = work, state
+        self.members = state.placed
+
+    @cached_property
+    def rig(self) -> AdjustedRig | None:
+        """The two cameras after bundle adjustment; None if they no longer agree."""
+        rig = fit_rig(self._work, self._state)
+        return rig if rig is not None and rig.quality[0] else None
+
+
+def grow_rig(work: Workspace, rig: AdjustedRig, pairs: Sequence[CameraPair]) -> AdjustedRig:
     """Add cameras to a pair as long as their evidence is sufficient.
 
     Args:
         work: the sequence.
         rig: two cameras.
-        pairs: all adjusted pairs, best first, which yield candidates relative to placed cameras.
+        pairs: all pairs, best first, which yield candidates relative to placed cameras.
 
     Returns:
         The grown rig.
@@ -133,7 +156,7 @@ def accepted_candidates(
     work: Workspace,
     state: RigState,
     camera: int,
-    pairs: Sequence[AdjustedRig] = (),
+    pairs: Sequence[CameraPair] = (),
     most: int | None = CANDIDATES,
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Find the placements of a camera with sufficient evidence, refined.
@@ -142,14 +165,14 @@ def accepted_candidates(
         work: the sequence.
         state: the rig without the camera.
         camera: index of the camera.
-        pairs: adjusted pairs, best first, which yield candidates relative to placed cameras.
+        pairs: all pairs, best first, which yield candidates relative to placed cameras.
         most: number of placements to refine; None for all.
 
     Returns:
         Parameters (7,) and verdict of each placement, most likely first.
     """
     people = group_people(work.scoring, state, work.settings).ground
-    starts = _candidates(work, state, camera, pairs)[:most]
+    starts = islice(_candidates(work, state, camera, pairs), most)
     placements = [(work.scoring, start) for start in starts]
     judged = judge_refined(work, state, camera, placements, people)
     accepted = [one for one in judged.values() if one[1].accepted]
@@ -220,23 +243,23 @@ def _candidates(
     work: Workspace,
     state: RigState,
     camera: int,
-    pairs: Sequence[AdjustedRig],
-) -> list[Float[np.ndarray, "7"]]:
+    pairs: Sequence[CameraPair],
+) -> Iterator[Float[np.ndarray, "7"]]:
     """Distinct placements of a camera, from votes against the rig's people and from pairs."""
     people = group_people(work.voting, state, work.settings).ground
     votes = voted_places(work, state, camera, work.voting, people, CANDIDATES)
     starts = [start for _, start in sorted(votes, key=lambda item: -item[0])]
-    composed = [
-        _compose(state, pair, camera)
+    composed = (
+        _compose(state, pair.rig, camera)
         for pair in pairs
-        if pair.state.placed[camera] and (pair.state.placed & state.placed).any()
-    ]
+        if pair.members[camera] and (pair.members & state.placed).any() and pair.rig is not None
+    )
     kept: list[np.ndarray] = []
-    for start in composed[:1] + starts + composed[1:]:
+    for start in chain(islice(composed, 1), starts, composed):
         place = Placement(start[PAN], start[X:Z])
         if not any(place.is_near(Placement(o[PAN], o[X:Z]), work.settings) for o in kept):
             kept.append(start)
-    return kept
+            yield start
 
 
 def _compose(state: RigState, pair: AdjustedRig, camera: int) -> Float[np.ndarray, "7"]:

@@ -4,7 +4,12 @@ from itertools import combinations
 
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._camera_pairs import search_pair
-from catfree.calibration.people.search._growth import AdjustedRig, drop_harmful, fit_rig, grow_rig
+from catfree.calibration.people.search._growth import (
+    AdjustedRig,
+    CameraPair,
+    drop_harmful,
+    grow_rig,
+)
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
 
@@ -32,24 +37,20 @@ def register_cameras(work: Workspace, report: Progress) -> AdjustedRig:
     return drop_harmful(work, grown)
 
 
-def _search_pairs(work: Workspace, report: Progress) -> list[AdjustedRig]:
-    """Find and adjust every pair of cameras that sees the same people, by decreasing margin.
-
-    An unadjusted pair has one of a few trial focal lengths. A camera that it places in a rig is too
-    far off to join: in a crowd, its boxes match the neighbors of the right people.
-    """
+def _search_pairs(work: Workspace, report: Progress) -> list[CameraPair]:
+    """Find the pairs of cameras that see the same people, by decreasing margin."""
     couples = list(combinations(range(work.grid.camera_count), 2))
-    found: list[tuple[float, AdjustedRig]] = []
+    found = []
     for done, couple in enumerate(couples, start=1):
         pair = search_pair(work, *couple)
-        rig = fit_rig(work, pair.state) if pair is not None and pair.margin > 0 else None
-        if pair is not None and rig is not None and rig.quality[0]:
-            found.append((pair.margin, rig))
+        if pair is not None and pair.margin > 0:
+            found.append(pair)
         report("pairs", done, len(couples))
-    return [rig for _, rig in sorted(found, key=lambda item: -item[0])]
+    found.sort(key=lambda pair: -pair.margin)
+    return [CameraPair(work, pair.state) for pair in found]
 
 
-def _grow_pairs(work: Workspace, pairs: list[AdjustedRig], report: Progress) -> AdjustedRig | None:
+def _grow_pairs(work: Workspace, pairs: list[CameraPair], report: Progress) -> AdjustedRig | None:
     """Grow every pair that no earlier, better pair grew to include.
 
     Returns:
@@ -58,7 +59,8 @@ def _grow_pairs(work: Workspace, pairs: list[AdjustedRig], report: Progress) -> 
     grown: list[AdjustedRig] = []
     for done, pair in enumerate(pairs):
         report("growth", done, len(pairs))
-        if not any(rig.state.placed[pair.state.placed].all() for rig in grown):
-            grown.append(grow_rig(work, pair, pairs))
+        included = any(rig.state.placed[pair.members].all() for rig in grown)
+        if not included and pair.rig is not None:
+            grown.append(grow_rig(work, pair.rig, pairs))
     report("growth", len(pairs), len(pairs))
     return max(grown, key=lambda rig: rig.quality, default=None)
