@@ -15,6 +15,8 @@ from catfree.calibration.people.cameras._camera_model import PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.settings import CalibrationSettings
 
+FINER = 4  # narrow bins per bin
+SHARPENED = 2  # bins around a placement where narrow bins vote: those blurred into it
 NEAR_BINS = 2.5  # bins of the vote; nearer placements count as one
 LEAST_SCORE = 0.4  # of the best score; lower placements are not considered
 BINS_PER_PLACEMENT = 50  # considered for each distinct placement
@@ -68,6 +70,10 @@ def vote(
 ) -> list[tuple[float, Placement]]:
     """Find the best placements of one local map in another.
 
+    The bins are as wide as the errors of single views, so that the votes of all people meet. Near
+    each placement, the same pairs vote again with narrower bins, because a placement that is off by
+    half the distance between people matches everybody with a neighbor.
+
     Args:
         target: (T, N) people of the fixed map.
         source: (T, M) people of the moving map in the same frames.
@@ -75,34 +81,76 @@ def vote(
         count: maximum number of distinct placements.
 
     Returns:
-        Placements and their scores, best first: votes minus a fraction of the chance votes, in
-        units of the square root of the latter. Chance votes are counted in the same way with one
-        sequence shifted by half its length.
+        Placements and the scores of their narrow bins, best first: votes minus a fraction of the
+        chance votes, in units of the square root of the latter. Chance votes are counted in the
+        same way with one sequence shifted by half its length.
     """
     target, source = _nearest(target), _nearest(source)
     bins = max(8, round(2 * np.pi / settings.voting_angle))
-    radius, half = _reach(target, source, settings), len(source.xy) // 2
-    votes = _count(target, source, bins, radius, settings.voting_cell)
-    chance = _count(target, source.rolled(half), bins, radius, settings.voting_cell)
+    headings = np.arange(bins + 1) * 2 * np.pi / bins
+    cell, radius = settings.voting_cell, _reach(target, source, settings)
+    score = _score(target, source, headings, radius, cell, settings.chance_weight)
+    placements: list[Placement] = []
+    best = np.flatnonzero(score > LEAST_SCORE * max(score.max(), 1e-9))
+    for index in best[np.argsort(-score.flat[best], kind="stable")[: BINS_PER_PLACEMENT * count]]:
+        placement = _at(index, score.shape, headings, radius, cell)
+        if not any(placement.is_near(other, settings) for other in placements):
+            placements.append(placement)
+            if len(placements) == count:
+                break
+    sharpened = [_sharpened(target, source, placement, settings) for placement in placements]
+    return sorted(sharpened, key=lambda item: -item[0])
+
+
+def _sharpened(
+    target: GroundMap, source: GroundMap, placement: Placement, settings: CalibrationSettings
+) -> tuple[float, Placement]:
+    """Find the best placement, and its score, by a vote with narrow bins around a placement."""
+    moved = moved_map(source, placement)
+    center = moved.xy[moved.valid].mean(0)
+    target, moved = (replace(people, xy=people.xy - center) for people in (target, moved))
+    cell, radius = settings.voting_cell / FINER, SHARPENED * settings.voting_cell
+    turns = np.arange(-SHARPENED * FINER, SHARPENED * FINER + 1) * settings.voting_angle / FINER
+    score = _score(target, moved, turns, radius, cell, settings.chance_weight)
+    best = int(score.argmax())
+    change = _at(best, score.shape, turns, radius, cell)
+    shift = turn(placement.translation - center, change.angle) + center + change.translation
+    return float(score.flat[best]), Placement(placement.angle + change.angle, shift)
+
+
+def _at(
+    index: int,
+    shape: tuple[int, ...],
+    headings: Float[np.ndarray, " n"],
+    radius: float,
+    cell: float,
+) -> Placement:
+    """Placement at the center of a bin.
+
+    A blurred bin is the sum of itself and the next one, so its center is its upper edge.
+    """
+    angle_bin, x_bin, y_bin = np.unravel_index(index, shape)
+    place = np.array([x_bin + 1.0, y_bin + 1.0]) * cell - radius
+    return Placement(float(headings[angle_bin : angle_bin + 2].mean()), place)
+
+
+def _score(
+    target: GroundMap,
+    source: GroundMap,
+    headings: Float[np.ndarray, " n"],
+    radius: float,
+    cell: float,
+    chance_weight: float,
+) -> Float[np.ndarray, "n-1 x y"]:
+    """Votes above chance of each bin, as `vote` returns them."""
+    votes = _count(target, source, headings, radius, cell)
+    chance = _count(target, source.rolled(len(source.xy) // 2), headings, radius, cell)
     # Far corners have no chance votes, where the mean level bounds the ratio.
     level = np.maximum(chance, chance.mean())
     level += 1.0
-    chance *= settings.chance_weight
+    chance *= chance_weight
     votes -= chance
-    score = np.divide(votes, np.sqrt(level, out=level), out=votes)
-    placements: list[tuple[float, Placement]] = []
-    best = np.flatnonzero(score > LEAST_SCORE * max(score.max(), 1e-9))
-    for index in best[np.argsort(-score.flat[best], kind="stable")[: BINS_PER_PLACEMENT * count]]:
-        angle_bin, x_bin, y_bin = np.unravel_index(index, score.shape)
-        # A blurred bin is the sum of itself and the next one, so its center is its upper edge.
-        angle = (angle_bin + 0.5) * 2 * np.pi / bins
-        place = np.array([x_bin + 1.0, y_bin + 1.0]) * settings.voting_cell - radius
-        placement = Placement(angle, place)
-        if not any(placement.is_near(other, settings) for _, other in placements):
-            placements.append((float(score.flat[index]), placement))
-            if len(placements) == count:
-                break
-    return placements
+    return np.divide(votes, np.sqrt(level, out=level), out=votes)
 
 
 def _reach(target: GroundMap, source: GroundMap, settings: CalibrationSettings) -> float:
@@ -125,34 +173,38 @@ def _nearest(people: GroundMap) -> GroundMap:
 
 
 def _count(
-    target: GroundMap, source: GroundMap, bins: int, radius: float, cell: float
-) -> Float[np.ndarray, "{bins} x y"]:
+    target: GroundMap,
+    source: GroundMap,
+    headings: Float[np.ndarray, " n"],
+    radius: float,
+    cell: float,
+) -> Float[np.ndarray, "n-1 x y"]:
     """Count the blurred votes (angle, x, y) of all pairs of people in each frame.
 
     Args:
         target: (T, N) people of the fixed map.
         source: (T, M) people of the moving map.
-        bins: number of headings.
+        headings: (n,) ascending angles in radians; each bin is blurred over two.
         radius: largest coordinate of a translation in meters.
         cell: side of a bin in meters.
     """
     frame, slot, other = np.nonzero(target.valid[:, :, None] & source.valid[:, None, :])
+    p, q = target.xy[frame, slot], source.xy[frame, other]
+    near = np.abs(np.linalg.norm(p, axis=1) - np.linalg.norm(q, axis=1)) < np.sqrt(2) * radius
+    frame, slot, other, p, q = frame[near], slot[near], other[near], p[near], q[near]
     spread = target.covariance[frame, slot].trace(axis1=1, axis2=2)
     spread += source.covariance[frame, other].trace(axis1=1, axis2=2)
     weight = 1 / np.sqrt(np.maximum(spread, cell**2))
-    p, q = target.xy[frame, slot], source.xy[frame, other]
     # The votes of a stay are correlated; with this weight, they vary like independent ones.
     weight /= np.sqrt(_length_of_stay(frame, np.floor(np.hstack([p, q]) / cell)))
     p = (p.astype(np.float32) + np.float32(radius)) / np.float32(cell)
     q = q.astype(np.float32) / np.float32(cell)
     by_x, by_y = (np.vstack([p[:, axis], q.T]) for axis in (0, 1))
     side = int(2 * radius / cell)
-    # A blurred bin is the sum of itself and the next one, so the first heading follows the last
-    # again.
-    angle = (np.arange(bins + 1) % bins * 2 * np.pi / bins).astype(np.float32)[:, None]
-    votes, last = np.empty((bins + 1, side, side)), np.zeros((side, side))
+    angle = headings.astype(np.float32)[:, None]
+    votes, last = np.empty((len(angle), side, side)), np.zeros((side, side))
     step = max(1, VOTES_AT_A_TIME // max(len(weight), 1))
-    for first in range(0, bins + 1, step):
+    for first in range(0, len(angle), step):
         headings = angle[first : first + step]
         c, s, one = np.cos(headings), np.sin(headings), np.ones_like(headings)
         layer = np.arange(1, len(headings) + 1, dtype=np.int32)[:, None]
@@ -186,26 +238,3 @@ def _length_of_stay(
     stay = np.zeros(len(order), np.int64)
     stay[order[1:]] = np.cumsum(moved | (later > LONGEST_ABSENCE))
     return np.bincount(stay)[stay]
-
-
-def align_rigidly(
-    target: Float[np.ndarray, "n 2"],
-    source: Float[np.ndarray, "n 2"],
-    weight: Float[np.ndarray, " n"],
-) -> Placement:
-    """Fit the rigid motion of the ground that maps source points to target points.
-
-    Args:
-        target: (n, 2) points in meters.
-        source: (n, 2) the moving points in meters.
-        weight: (n,) weight of each pair.
-
-    Source: Umeyama (1991), in the plane and without scale.
-    """
-    total = weight.sum()
-    mt, ms = weight @ target / total, weight @ source / total
-    a, b = target - mt, source - ms
-    cosine = (weight * (a * b).sum(1)).sum()
-    sine = (weight * (a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1])).sum()
-    angle = float(np.arctan2(sine, cosine))
-    return Placement(angle, mt - turn(ms, angle))

@@ -6,18 +6,14 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap
+from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState
-from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
-from catfree.calibration.people.matching._placement import Placement, align_rigidly, moved_map, vote
+from catfree.calibration.people.matching._placement import Placement, moved_map, vote
 from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
 
 PLACEMENTS_PER_VOTE = 3  # most likely placements per pair of planes
-SHORTLIST = 30  # placements of a pair to compare on few frames
-FINALISTS = 6  # of these, placements to compare on more frames
-SETTLING_ROUNDS = 3  # rounds of matching people and fitting the placement to them
-FEWEST_MATCHES = 4  # least number to settle a placement
+FINALISTS = 6  # placements of a pair to compare
 
 
 @dataclass(frozen=True)
@@ -64,41 +60,19 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         for (p, target), (q, source) in product(targets, sources):
             votes = vote(target, source, settings, PLACEMENTS_PER_VOTE)
             found += [(score, placement, p, q) for score, placement in votes]
-    for grid, count, shifts in (
-        (work.voting, SHORTLIST, (0.5,)),
-        (work.scoring, FINALISTS, settings.chance_shifts[1::2]),
-    ):
-        likeliest = sorted(found, key=lambda item: -item[0])[:count]
-        found = []
-        for _, placement, p, q in likeliest:
-            target = work.local_map(grid, one, p)
-            source = work.local_map(grid, two, q)
-            placement = _settle(target, source, placement, settings.match_gate)
-            state = pair(p, placement.place(q))
-            verdict = judge_camera(
-                work,
-                grid,
-                state,
-                two,
-                camera_people=moved_map(source, placement),
-                others=target,
-                shifts=shifts,
-            )
-            found.append((verdict.margin, placement, p, q))
-    if not found:
-        return None
-    margin, placement, p, q = max(found, key=lambda item: item[0])
-    return PairHypothesis(pair(p, placement.place(q)), margin)
-
-
-def _settle(target: GroundMap, source: GroundMap, placement: Placement, gate: float) -> Placement:
-    """Align the second map to the first by iterative closest people."""
-    for _ in range(SETTLING_ROUNDS):
-        moved = moved_map(source, placement)
-        time, slot, partner, *_ = mutual_nearest(target, moved, gate)
-        if len(time) < FEWEST_MATCHES:
-            return placement
-        spread = target.covariance[time, slot] + moved.covariance[time, partner]
-        weight = 1 / spread.trace(axis1=1, axis2=2)
-        placement = align_rigidly(target.xy[time, slot], source.xy[time, partner], weight)
-    return placement
+    likeliest = sorted(found, key=lambda item: -item[0])[:FINALISTS]
+    judged = []
+    for _, placement, p, q in likeliest:
+        state = pair(p, placement.place(q))
+        target, source = (work.local_map(work.scoring, c, own) for c, own in ((one, p), (two, q)))
+        verdict = judge_camera(
+            work,
+            work.scoring,
+            state,
+            two,
+            camera_people=moved_map(source, placement),
+            others=target,
+            shifts=settings.chance_shifts[1::2],
+        )
+        judged.append(PairHypothesis(state, verdict.margin))
+    return max(judged, key=lambda pair: pair.margin, default=None)
