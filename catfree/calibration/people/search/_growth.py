@@ -1,9 +1,7 @@
 """Growth of a rig from a pair: place further cameras, accept them, and remove harmful ones."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import chain, islice
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +13,7 @@ from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_camera
 from catfree.calibration.people.matching._group_people import RigState, group_people
-from catfree.calibration.people.matching._placement import Placement, turn, vote
+from catfree.calibration.people.matching._placement import Placement, vote
 from catfree.calibration.people.matching._verdict import (
     PlacementVerdict,
     judge_camera,
@@ -57,34 +55,12 @@ class AdjustedRig:
         return sorted(suspects, key=lambda c: per_match[c])
 
 
-class CameraPair:
-    """Two cameras that seem to see the same people, adjusted when they are first needed.
-
-    A pair of the search has one of a few trial focal lengths. A camera that it places in a rig is
-    too far off to join: in a crowd, its boxes match the neighbors of the right people.
-
-    Attributes:
-        members: (C,) which two cameras.
-    """
-
-    def __init__(self, work: Workspace, state: RigState) -> None:
-        self._work, self._state = work, state
-        self.members = state.placed
-
-    @cached_property
-    def rig(self) -> AdjustedRig | None:
-        """The two cameras after bundle adjustment; None if they no longer agree."""
-        rig = fit_rig(self._work, self._state)
-        return rig if rig is not None and rig.quality[0] else None
-
-
-def grow_rig(work: Workspace, rig: AdjustedRig, pairs: Sequence[CameraPair]) -> AdjustedRig:
+def grow_rig(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
     """Add cameras to a pair as long as their evidence is sufficient.
 
     Args:
         work: the sequence.
         rig: two cameras.
-        pairs: all pairs, best first, which yield candidates relative to placed cameras.
 
     Returns:
         The grown rig.
@@ -92,7 +68,7 @@ def grow_rig(work: Workspace, rig: AdjustedRig, pairs: Sequence[CameraPair]) -> 
     while not rig.state.placed.all():
         state = rig.state
         for camera in np.flatnonzero(~state.placed):
-            accepted = accepted_candidates(work, rig.state, int(camera), pairs)
+            accepted = accepted_candidates(work, rig.state, int(camera))
             if accepted:
                 best, _ = accepted[0]
                 state = state.with_camera(int(camera), best)
@@ -156,7 +132,6 @@ def accepted_candidates(
     work: Workspace,
     state: RigState,
     camera: int,
-    pairs: Sequence[CameraPair] = (),
     most: int | None = CANDIDATES,
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Find the placements of a camera with sufficient evidence, refined.
@@ -165,14 +140,13 @@ def accepted_candidates(
         work: the sequence.
         state: the rig without the camera.
         camera: index of the camera.
-        pairs: all pairs, best first, which yield candidates relative to placed cameras.
         most: number of placements to refine; None for all.
 
     Returns:
         Parameters (7,) and verdict of each placement, most likely first.
     """
     people = group_people(work.scoring, state, work.settings).ground
-    starts = islice(_candidates(work, state, camera, pairs), most)
+    starts = _candidates(work, state, camera)[:most]
     placements = [(work.scoring, start) for start in starts]
     judged = judge_refined(work, state, camera, placements, people)
     accepted = [one for one in judged.values() if one[1].accepted]
@@ -239,33 +213,13 @@ def _expected_focal(state: RigState, camera: int) -> float:
     return float(np.median(state.parameters[camera if placed[camera] else placed, LOG_FOCAL]))
 
 
-def _candidates(
-    work: Workspace,
-    state: RigState,
-    camera: int,
-    pairs: Sequence[CameraPair],
-) -> Iterator[Float[np.ndarray, "7"]]:
-    """Distinct placements of a camera, from votes against the rig's people and from pairs."""
+def _candidates(work: Workspace, state: RigState, camera: int) -> list[Float[np.ndarray, "7"]]:
+    """Distinct placements of a camera by votes against the rig's people, most likely first."""
     people = group_people(work.voting, state, work.settings).ground
     votes = voted_places(work, state, camera, work.voting, people, CANDIDATES)
-    starts = [start for _, start in sorted(votes, key=lambda item: -item[0])]
-    composed = (
-        _compose(state, pair.rig, camera)
-        for pair in pairs
-        if pair.members[camera] and (pair.members & state.placed).any() and pair.rig is not None
-    )
     kept: list[np.ndarray] = []
-    for start in chain(islice(composed, 1), starts, composed):
+    for _, start in sorted(votes, key=lambda item: -item[0]):
         place = Placement(start[PAN], start[X:Z])
         if not any(place.is_near(Placement(o[PAN], o[X:Z]), work.settings) for o in kept):
             kept.append(start)
-            yield start
-
-
-def _compose(state: RigState, pair: AdjustedRig, camera: int) -> Float[np.ndarray, "7"]:
-    """Place a camera relative to the placed camera of a pair."""
-    (other,) = np.flatnonzero(pair.state.placed & state.placed)
-    relative, anchor = pair.state.parameters[[camera, other]]
-    placed = state.parameters[other]
-    angle = placed[PAN] - anchor[PAN]
-    return Placement(angle, placed[X:Z] - turn(anchor[X:Z], angle)).place(relative)
+    return kept

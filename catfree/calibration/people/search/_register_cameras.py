@@ -3,13 +3,8 @@
 from itertools import combinations
 
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._camera_pairs import search_pair
-from catfree.calibration.people.search._growth import (
-    AdjustedRig,
-    CameraPair,
-    drop_harmful,
-    grow_rig,
-)
+from catfree.calibration.people.search._camera_pairs import PairHypothesis, search_pair
+from catfree.calibration.people.search._growth import AdjustedRig, drop_harmful, fit_rig, grow_rig
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
 
@@ -37,7 +32,7 @@ def register_cameras(work: Workspace, report: Progress) -> AdjustedRig:
     return drop_harmful(work, grown)
 
 
-def _search_pairs(work: Workspace, report: Progress) -> list[CameraPair]:
+def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
     """Find the pairs of cameras that see the same people, by decreasing margin."""
     couples = list(combinations(range(work.grid.camera_count), 2))
     found = []
@@ -46,11 +41,12 @@ def _search_pairs(work: Workspace, report: Progress) -> list[CameraPair]:
         if pair is not None and pair.margin > 0:
             found.append(pair)
         report("pairs", done, len(couples))
-    found.sort(key=lambda pair: -pair.margin)
-    return [CameraPair(work, pair.state) for pair in found]
+    return sorted(found, key=lambda pair: -pair.margin)
 
 
-def _grow_pairs(work: Workspace, pairs: list[CameraPair], report: Progress) -> AdjustedRig | None:
+def _grow_pairs(
+    work: Workspace, pairs: list[PairHypothesis], report: Progress
+) -> AdjustedRig | None:
     """Grow every pair that no earlier, better pair grew to include.
 
     Returns:
@@ -59,8 +55,10 @@ def _grow_pairs(work: Workspace, pairs: list[CameraPair], report: Progress) -> A
     grown: list[AdjustedRig] = []
     for done, pair in enumerate(pairs):
         report("growth", done, len(pairs))
-        included = any(rig.state.placed[pair.members].all() for rig in grown)
-        if not included and pair.rig is not None:
-            grown.append(grow_rig(work, pair.rig, pairs))
+        if any(rig.state.placed[pair.state.placed].all() for rig in grown):
+            continue
+        rig = fit_rig(work, pair.state)
+        if rig is not None and rig.quality[0]:
+            grown.append(grow_rig(work, rig))
     report("growth", len(pairs), len(pairs))
     return max(grown, key=lambda rig: rig.quality, default=None)
