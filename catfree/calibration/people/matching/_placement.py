@@ -7,6 +7,7 @@ placements at every instant: the longer both stay, the less each of these votes 
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -86,14 +87,14 @@ def vote(
         same way with one sequence shifted by half its length.
     """
     target, source = _nearest(target), _nearest(source)
-    bins = max(8, round(2 * np.pi / settings.voting_angle))
-    headings = np.arange(bins + 1) * 2 * np.pi / bins
-    cell, radius = settings.voting_cell, _reach(target, source, settings)
-    score = _score(target, source, headings, radius, cell, settings.chance_weight)
+    turns = max(8, round(2 * np.pi / settings.voting_angle))
+    heading = np.arange(turns + 1) * 2 * np.pi / turns
+    bins = _Bins(heading, settings.voting_cell, _reach(target, source, settings))
+    score = _score(target, source, bins, settings)
     placements: list[Placement] = []
     best = np.flatnonzero(score > LEAST_SCORE * max(score.max(), 1e-9))
     for index in best[np.argsort(-score.flat[best], kind="stable")[: BINS_PER_PLACEMENT * count]]:
-        placement = _at(index, score.shape, headings, radius, cell)
+        placement = bins.placement(score.shape, int(index))
         if not any(placement.is_near(other, settings) for other in placements):
             placements.append(placement)
             if len(placements) == count:
@@ -102,53 +103,53 @@ def vote(
     return sorted(sharpened, key=lambda item: -item[0])
 
 
+class _Bins(NamedTuple):
+    """Bins of a vote. Votes are blurred over each bin and the next one.
+
+    Attributes:
+        heading: (n,) ascending angles in radians.
+        cell: side of a bin in meters.
+        radius: largest coordinate of a translation in meters.
+    """
+
+    heading: Float[np.ndarray, " n"]
+    cell: float
+    radius: float
+
+    def placement(self, shape: tuple[int, ...], index: int) -> Placement:
+        """Return the upper edge of a bin, which is the center of the votes blurred into it."""
+        at, *place = np.unravel_index(index, shape)
+        translation = (np.array(place) + 1.0) * self.cell - self.radius
+        return Placement(float(self.heading[at : at + 2].mean()), translation)
+
+
 def _sharpened(
     target: GroundMap, source: GroundMap, placement: Placement, settings: CalibrationSettings
 ) -> tuple[float, Placement]:
-    """Find the best placement, and its score, by a vote with narrow bins around a placement."""
+    """Vote with narrow bins around a placement; return the best score and placement."""
     moved = moved_map(source, placement)
     center = moved.xy[moved.valid].mean(0)
     target, moved = (replace(people, xy=people.xy - center) for people in (target, moved))
-    cell, radius = settings.voting_cell / FINER, SHARPENED * settings.voting_cell
-    turns = np.arange(-SHARPENED * FINER, SHARPENED * FINER + 1) * settings.voting_angle / FINER
-    score = _score(target, moved, turns, radius, cell, settings.chance_weight)
+    steps = np.arange(-SHARPENED * FINER, SHARPENED * FINER + 1)
+    cell = settings.voting_cell
+    bins = _Bins(steps * settings.voting_angle / FINER, cell / FINER, SHARPENED * cell)
+    score = _score(target, moved, bins, settings)
     best = int(score.argmax())
-    change = _at(best, score.shape, turns, radius, cell)
+    change = bins.placement(score.shape, best)
     shift = turn(placement.translation - center, change.angle) + center + change.translation
     return float(score.flat[best]), Placement(placement.angle + change.angle, shift)
 
 
-def _at(
-    index: int,
-    shape: tuple[int, ...],
-    headings: Float[np.ndarray, " n"],
-    radius: float,
-    cell: float,
-) -> Placement:
-    """Placement at the center of a bin.
-
-    A blurred bin is the sum of itself and the next one, so its center is its upper edge.
-    """
-    angle_bin, x_bin, y_bin = np.unravel_index(index, shape)
-    place = np.array([x_bin + 1.0, y_bin + 1.0]) * cell - radius
-    return Placement(float(headings[angle_bin : angle_bin + 2].mean()), place)
-
-
 def _score(
-    target: GroundMap,
-    source: GroundMap,
-    headings: Float[np.ndarray, " n"],
-    radius: float,
-    cell: float,
-    chance_weight: float,
-) -> Float[np.ndarray, "n-1 x y"]:
+    target: GroundMap, source: GroundMap, bins: _Bins, settings: CalibrationSettings
+) -> Float[np.ndarray, "angle x y"]:
     """Votes above chance of each bin, as `vote` returns them."""
-    votes = _count(target, source, headings, radius, cell)
-    chance = _count(target, source.rolled(len(source.xy) // 2), headings, radius, cell)
+    votes = _count(target, source, bins)
+    chance = _count(target, source.rolled(len(source.xy) // 2), bins)
     # Far corners have no chance votes, where the mean level bounds the ratio.
     level = np.maximum(chance, chance.mean())
     level += 1.0
-    chance *= chance_weight
+    chance *= settings.chance_weight
     votes -= chance
     return np.divide(votes, np.sqrt(level, out=level), out=votes)
 
@@ -172,22 +173,15 @@ def _nearest(people: GroundMap) -> GroundMap:
     return GroundMap(*(part[frames, pick] for part in vars(people).values()))
 
 
-def _count(
-    target: GroundMap,
-    source: GroundMap,
-    headings: Float[np.ndarray, " n"],
-    radius: float,
-    cell: float,
-) -> Float[np.ndarray, "n-1 x y"]:
+def _count(target: GroundMap, source: GroundMap, bins: _Bins) -> Float[np.ndarray, "angle x y"]:
     """Count the blurred votes (angle, x, y) of all pairs of people in each frame.
 
     Args:
         target: (T, N) people of the fixed map.
         source: (T, M) people of the moving map.
-        headings: (n,) ascending angles in radians; each bin is blurred over two.
-        radius: largest coordinate of a translation in meters.
-        cell: side of a bin in meters.
+        bins: where to count.
     """
+    cell, radius = bins.cell, bins.radius
     frame, slot, other = np.nonzero(target.valid[:, :, None] & source.valid[:, None, :])
     p, q = target.xy[frame, slot], source.xy[frame, other]
     near = np.abs(np.linalg.norm(p, axis=1) - np.linalg.norm(q, axis=1)) < np.sqrt(2) * radius
@@ -201,7 +195,7 @@ def _count(
     q = q.astype(np.float32) / np.float32(cell)
     by_x, by_y = (np.vstack([p[:, axis], q.T]) for axis in (0, 1))
     side = int(2 * radius / cell)
-    angle = headings.astype(np.float32)[:, None]
+    angle = bins.heading.astype(np.float32)[:, None]
     votes, last = np.empty((len(angle), side, side)), np.zeros((side, side))
     step = max(1, VOTES_AT_A_TIME // max(len(weight), 1))
     for first in range(0, len(angle), step):
