@@ -13,7 +13,8 @@ from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
 
 PLACEMENTS_PER_VOTE = 3  # most likely placements per pair of planes
-FINALISTS = 6  # placements of a pair to compare
+SHORTLIST = 30  # placements of a pair to compare on few frames
+FINALISTS = 6  # of these, placements to compare on more frames
 
 
 @dataclass(frozen=True)
@@ -60,19 +61,25 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         for (p, target), (q, source) in product(targets, sources):
             votes = vote(target, source, settings, PLACEMENTS_PER_VOTE)
             found += [(score, placement, p, q) for score, placement in votes]
-    likeliest = sorted(found, key=lambda item: -item[0])[:FINALISTS]
-    judged = []
-    for _, placement, p, q in likeliest:
-        state = pair(p, placement.place(q))
-        target, source = (work.local_map(work.scoring, c, own) for c, own in ((one, p), (two, q)))
-        verdict = judge_camera(
-            work,
-            work.scoring,
-            state,
-            two,
-            camera_people=moved_map(source, placement),
-            others=target,
-            shifts=settings.chance_shifts[1::2],
-        )
-        judged.append(PairHypothesis(state, verdict.margin))
-    return max(judged, key=lambda pair: pair.margin, default=None)
+    for grid, count, shifts in (
+        (work.voting, SHORTLIST, (0.5,)),
+        (work.scoring, FINALISTS, settings.chance_shifts[1::2]),
+    ):
+        likeliest = sorted(found, key=lambda item: -item[0])[:count]
+        found = []
+        for _, placement, p, q in likeliest:
+            target, source = (work.local_map(grid, c, own) for c, own in ((one, p), (two, q)))
+            verdict = judge_camera(
+                work,
+                grid,
+                pair(p, placement.place(q)),
+                two,
+                camera_people=moved_map(source, placement),
+                others=target,
+                shifts=shifts,
+            )
+            found.append((verdict.margin, placement, p, q))
+    if not found:
+        return None
+    margin, placement, p, q = max(found, key=lambda item: item[0])
+    return PairHypothesis(pair(p, placement.place(q)), margin)

@@ -20,8 +20,10 @@ from catfree.calibration.people.matching._verdict import (
     judge_cameras,
 )
 from catfree.calibration.people.matching._workspace import Workspace
+from catfree.settings import CalibrationSettings
 
 CANDIDATES = 4  # placements refined per camera, and searched for on each of its planes
+CHANCE_SHARES = (0.25, 0.5, 0.75)  # shifts of time, of the sequence, of searches by chance
 SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
@@ -129,12 +131,12 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
 
 
 def accepted_candidates(
-    work: Workspace,
-    state: RigState,
-    camera: int,
-    most: int | None = CANDIDATES,
+    work: Workspace, state: RigState, camera: int, most: int | None = CANDIDATES
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Find the placements of a camera with sufficient evidence, refined.
+
+    The best of many placements agrees with the others even by chance, so the same search is made
+    with the camera's boxes shifted in time: evidence that it then reaches is not sufficient.
 
     Args:
         work: the sequence.
@@ -145,12 +147,41 @@ def accepted_candidates(
     Returns:
         Parameters (7,) and verdict of each placement, most likely first.
     """
-    people = group_people(work.scoring, state, work.settings).ground
-    starts = _candidates(work, state, camera)[:most]
-    placements = [(work.scoring, start) for start in starts]
-    judged = judge_refined(work, state, camera, placements, people)
-    accepted = [one for one in judged.values() if one[1].accepted]
+    voters, people = (
+        group_people(g, state, work.settings).ground for g in (work.voting, work.scoring)
+    )
+
+    def search(
+        share: float, most: int | None
+    ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
+        """Refine and judge placements at a shift of time, given as a share of the sequence."""
+        voting, scoring = (
+            grid.shifted(camera, round(share * grid.frame_count))
+            for grid in (work.voting, work.scoring)
+        )
+        votes = voted_places(work, state, camera, voting, voters, CANDIDATES)
+        placements = [(scoring, start) for start in _distinct(votes, work.settings)[:most]]
+        return list(judge_refined(work, state, camera, placements, people).values())
+
+    accepted = [one for one in search(0.0, most) if one[1].accepted]
+    if not accepted:
+        return []
+    by_chance = [v.margin for share in CHANCE_SHARES for _, v in search(share, CANDIDATES)]
+    chance = max(by_chance, default=0.0)
+    accepted = [one for one in accepted if one[1].margin > chance]
     return sorted(accepted, key=lambda one: -one[1].margin)
+
+
+def _distinct(
+    votes: list[tuple[float, Float[np.ndarray, "7"]]], settings: CalibrationSettings
+) -> list[Float[np.ndarray, "7"]]:
+    """Placements that are not near a better one, most likely first."""
+    kept: list[np.ndarray] = []
+    for _, start in sorted(votes, key=lambda item: -item[0]):
+        place = Placement(start[PAN], start[X:Z])
+        if not any(place.is_near(Placement(o[PAN], o[X:Z]), settings) for o in kept):
+            kept.append(start)
+    return kept
 
 
 def voted_places(
@@ -211,15 +242,3 @@ def _expected_focal(state: RigState, camera: int) -> float:
     """Log focal length of a camera or, if it is not placed, the usual one of the others."""
     placed = state.placed
     return float(np.median(state.parameters[camera if placed[camera] else placed, LOG_FOCAL]))
-
-
-def _candidates(work: Workspace, state: RigState, camera: int) -> list[Float[np.ndarray, "7"]]:
-    """Distinct placements of a camera by votes against the rig's people, most likely first."""
-    people = group_people(work.voting, state, work.settings).ground
-    votes = voted_places(work, state, camera, work.voting, people, CANDIDATES)
-    kept: list[np.ndarray] = []
-    for _, start in sorted(votes, key=lambda item: -item[0]):
-        place = Placement(start[PAN], start[X:Z])
-        if not any(place.is_near(Placement(o[PAN], o[X:Z]), work.settings) for o in kept):
-            kept.append(start)
-    return kept
