@@ -1,11 +1,18 @@
 """The search with cameras that share no people."""
 
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.calibration.people.search._growth import drop_harmful, fit_rig
+from catfree.calibration.people.search import _growth
+from catfree.calibration.people.search._growth import (
+    CHANCE_SHARES,
+    accepted_candidates,
+    drop_harmful,
+    fit_rig,
+)
 from tests.calibration.people.search.rigs_without_boxes import (
     CAMERAS,
     WORK,
@@ -27,3 +34,23 @@ def test_a_suspicious_camera_stays_if_the_others_see_nobody_in_common(cameras, a
 
 def test_cameras_that_see_nobody_in_common_make_no_rig():
     assert fit_rig(WORK, state_of([0, 2])) is None
+
+
+margins = st.lists(st.floats(26, 500), max_size=4)
+
+
+@given(margins, st.lists(margins, min_size=len(CHANCE_SHARES), max_size=len(CHANCE_SHARES)))
+def test_a_camera_joins_with_more_evidence_than_searches_at_shifted_times(true, shifted):
+    searches = iter([list(enumerate(found)) for found in (true, *shifted)])
+
+    def judged(*_):
+        return {at: (np.full(7, margin), verdict_of(margin)) for at, margin in next(searches)}
+
+    with (
+        mock.patch.object(_growth, "voted_places", return_value=[]),
+        mock.patch.object(_growth, "judge_refined", judged),
+    ):
+        found = accepted_candidates(WORK, state_of([0, 1]), 2)
+    chance = max((margin for search in shifted for margin in search), default=0.0)
+    expected = sorted((margin for margin in true if margin > chance), reverse=True)
+    assert [verdict.margin for _, verdict in found] == expected
