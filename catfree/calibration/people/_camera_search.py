@@ -51,16 +51,14 @@ def reconsider(
         without = state.without_camera(camera)
         if without.placed.sum() < 2:
             continue
-        accepted = accepted_candidates(work, without, camera)
-        if not accepted:
-            continue
-        parameters, verdict = accepted[0]
+        least = 0.0
         if state.placed[camera]:
             current = judge_camera(work, work.scoring, state, camera)
-            if verdict.margin < current.margin + settings.minimum_margin:
-                continue
-        state = state.with_camera(camera, parameters)
-        changed[camera] = verdict
+            least = current.margin + settings.minimum_margin
+        accepted = accepted_candidates(work, without, camera, least=least)
+        if accepted:
+            parameters, changed[camera] = accepted[0]
+            state = state.with_camera(camera, parameters)
     return _with_cameras(calibration, state, changed) if changed else None
 
 

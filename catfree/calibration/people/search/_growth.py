@@ -131,7 +131,12 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
 
 
 def accepted_candidates(
-    work: Workspace, state: RigState, camera: int, most: int | None = CANDIDATES
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    *,
+    most: int | None = CANDIDATES,
+    least: float = 0.0,
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Find the placements of a camera with sufficient evidence, refined.
 
@@ -143,6 +148,7 @@ def accepted_candidates(
         state: the rig without the camera.
         camera: index of the camera.
         most: number of placements to refine; None for all.
+        least: margin that a placement must exceed.
 
     Returns:
         Parameters (7,) and verdict of each placement, most likely first.
@@ -163,7 +169,8 @@ def accepted_candidates(
         placements = [(scoring, start) for start in _distinct(votes, work.settings)[:most]]
         return list(judge_refined(work, state, camera, placements, people).values())
 
-    accepted = [one for one in search(0.0, most) if one[1].accepted]
+    found = search(0.0, most)
+    accepted = [one for one in found if one[1].accepted and one[1].margin > least]
     if not accepted:
         return []
     by_chance = [v.margin for share in CHANCE_SHARES for _, v in search(share, CANDIDATES)]
