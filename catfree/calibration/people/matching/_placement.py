@@ -184,6 +184,7 @@ def _count(target: GroundMap, source: GroundMap, bins: _Bins) -> Float[np.ndarra
     cell, radius = bins.cell, bins.radius
     frame, slot, other = np.nonzero(target.valid[:, :, None] & source.valid[:, None, :])
     p, q = target.xy[frame, slot], source.xy[frame, other]
+    # No heading brings other pairs within the radius.
     near = np.abs(np.linalg.norm(p, axis=1) - np.linalg.norm(q, axis=1)) < np.sqrt(2) * radius
     frame, slot, other, p, q = frame[near], slot[near], other[near], p[near], q[near]
     spread = target.covariance[frame, slot].trace(axis1=1, axis2=2)

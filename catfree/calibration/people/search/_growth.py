@@ -23,7 +23,7 @@ from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
 
 CANDIDATES = 4  # placements refined per camera, and searched for on each of its planes
-CHANCE_SHARES = (0.25, 0.5, 0.75)  # shifts of time, of the sequence, of searches by chance
+CHANCE_SHARES = (0.25, 0.5, 0.75)  # of the sequence; shifts of time that leave only chance
 SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
@@ -173,8 +173,8 @@ def accepted_candidates(
     accepted = [one for one in found if one[1].accepted and one[1].margin > least]
     if not accepted:
         return []
-    by_chance = [v.margin for share in CHANCE_SHARES for _, v in search(share, CANDIDATES)]
-    chance = max(by_chance, default=0.0)
+    by_chance = [one for share in CHANCE_SHARES for one in search(share, CANDIDATES)]
+    chance = max((verdict.margin for _, verdict in by_chance), default=0.0)
     accepted = [one for one in accepted if one[1].margin > chance]
     return sorted(accepted, key=lambda one: -one[1].margin)
 

@@ -1,4 +1,4 @@
-"""The search with cameras that share no people."""
+"""Which cameras join a rig, and a rig whose cameras share no people."""
 
 from dataclasses import replace
 from unittest import mock
