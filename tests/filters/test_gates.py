@@ -111,7 +111,7 @@ def test_the_second_threshold_comes_from_the_survivors(fixed_quantile):
     random = np.random.default_rng(0)
     sigma, distance, weight = random.lognormal(size=(3, 200)).astype(np.float32)
     everyone = np.ones(200, bool)
-    outcome = filters.select(sigma, distance, weight, everyone, fixed_quantile=fixed_quantile)
+    outcome = select(sigma, distance, weight, everyone, fixed_quantile=fixed_quantile)
     estimate = filters.log_otsu if fixed_quantile is None else lambda v: np.quantile(v, 0.3)
     np.testing.assert_allclose(outcome.tau_sigma, estimate(sigma), rtol=1e-6)
     np.testing.assert_allclose(

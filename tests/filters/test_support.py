@@ -164,10 +164,9 @@ def test_vmap_equals_a_loop(dtype):
     directions = unit(position[0] - origins[0][:, None] + random.normal(size=(10, 6, 3)) * 0.2)
     directions = directions.astype(dtype)
     weights = random.random((10, 6)).astype(dtype)
-    batched = jax.vmap(filters.support, (0, None, None, None, None))(
-        position, origins[0], directions, weights, 0.1
-    )
-    looped = [filters.support(p, origins[0], directions, weights, 0.1) for p in position]
+    together = jax.jit(jax.vmap(filters.support, (0, None, None, None, None)))
+    batched = together(position, origins[0], directions, weights, 0.1)
+    looped = [support(p, origins[0], directions, weights, 0.1) for p in position]
     np.testing.assert_array_equal(batched, looped)
     assert (np.asarray(batched) >= 0).any()
 

@@ -101,9 +101,9 @@ def test_a_chain_by_hand(dtype):
     # In a chain, each reaches only the next: the strongest end keeps every second one.
     positions = np.stack([np.arange(6), np.zeros(6)], -1).astype(dtype)
     falling = np.arange(6, 0, -1).astype(dtype)
-    assert filters.suppress(positions, falling, 1.0).tolist() == [True, False] * 3
+    assert suppress(positions, falling, 1.0).tolist() == [True, False] * 3
     middle = np.array([0, 1, 9, 8, 7, 0], dtype)
-    assert filters.suppress(positions, middle, 1.0).tolist() == [1, 0, 1, 0, 1, 0]
+    assert suppress(positions, middle, 1.0).tolist() == [1, 0, 1, 0, 1, 0]
 
 
 @pytest.mark.slow
@@ -129,7 +129,8 @@ def test_vmap_equals_a_loop(dtype):
     positions = random.random((4, 30, 2)).astype(dtype)
     priority = random.random((4, 30)).astype(dtype)
     where = random.random((4, 30)) < 0.8
-    batched = jax.vmap(filters.suppress, (0, 0, None, 0))(positions, priority, 0.2, where)
+    together = jax.jit(jax.vmap(filters.suppress, (0, 0, None, 0)))
+    batched = together(positions, priority, 0.2, where)
     for row in range(4):
         expected = suppress_by_hand(positions[row], priority[row][:, None], 0.2, where[row])
         np.testing.assert_array_equal(batched[row], expected)

@@ -103,8 +103,14 @@ def robust_residuals(position, case):
     return jax.vmap(of_ray)(*case)
 
 
-def half_squares(position, case):
-    return (robust_residuals(position, case) ** 2).sum() / 2
+@jax.jit
+def curvature_at(position, case):
+    """Return the Hessian of Huber's loss."""
+
+    def half_squares(position):
+        return (robust_residuals(position, case) ** 2).sum() / 2
+
+    return jax.hessian(half_squares)(position)
 
 
 @jax.jit
@@ -138,7 +144,7 @@ def test_minimizer_and_derivatives_are_those_of_optimistix(x64, case):
     assert best <= huber_loss(np.asarray(dense), *case) + 1e-10
     # A curved loss has one minimizer, whose derivative has a kink where a ray is at delta.
     near = ray_distances(np.asarray(position), case[0], case[1])
-    curvature = np.linalg.eigvalsh(jax.hessian(half_squares)(position, case))[0]
+    curvature = np.linalg.eigvalsh(curvature_at(position, case))[0]
     assume(curvature > 0.02 and (np.abs(near - DELTA) > 1e-3).all())
     np.testing.assert_allclose(dense, position, atol=1e-6)
     for found, expected in zip(slopes, dense_slopes, strict=True):
@@ -175,7 +181,7 @@ def test_refit_is_the_robust_fit_of_the_inliers_alone(x64, case):
         # Where the loss is flat, all points of a line, or between two lines, fit equally well; it
         # becomes flat where a ray is at delta.
         near = ray_distances(found, origins, directions)[kept > 0]
-        curvature = jax.hessian(half_squares)(refitted.position, (origins, directions, kept))
+        curvature = curvature_at(refitted.position, (origins, directions, kept))
         if np.linalg.eigvalsh(curvature)[0] > 1e-6 and (np.abs(near - DELTA) > 1e-3).all():
             np.testing.assert_allclose(found, alone, atol=1e-8)
 

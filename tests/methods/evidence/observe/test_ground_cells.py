@@ -18,6 +18,8 @@ from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene,
 
 VIEWS = ground_views(make_scene(make_rig(4)), HEIGHT)
 
+cells_of = jax.jit(jax.vmap(ground_cell))
+
 
 @given(st.integers(0, 10**6))
 def test_cells_are_squares_ahead_and_aside_of_each_camera(seed):
@@ -27,7 +29,7 @@ def test_cells_are_squares_ahead_and_aside_of_each_camera(seed):
     forward = VIEWS.heading[camera]
     right = np.column_stack([forward[:, 1], -forward[:, 0]])
     place = VIEWS.station[camera] + ahead[:, None] * forward + aside[:, None] * right
-    cell = jax.vmap(ground_cell)(*map(jnp.asarray, (place, VIEWS.station[camera], forward)))
+    cell = cells_of(*map(jnp.asarray, (place, VIEWS.station[camera], forward)))
     found = np.stack(np.divmod(np.asarray(cell), CELLS), -1)
     # Points outside the map are in the nearest cell.
     expected = np.floor(np.column_stack([ahead + 8, aside + CELLS // 2])).clip(0, CELLS - 1)

@@ -89,6 +89,7 @@ def disturbed(seed):
 
 SPREAD = float(np.sqrt(np.prod(RULES.height_spread_range)))  # as in `start_noise`
 seeds = st.integers(0, 10**6)
+implied_people = jax.jit(jax.vmap(implied_person))
 
 
 @settings(max_examples=20)
@@ -98,7 +99,7 @@ def test_feet_and_height_that_a_box_in_a_rolled_camera_implies(seed):
     state, rows = people(seed)
     known = VIEWS.matrix, VIEWS.ground_inverse, VIEWS.station
     cameras = (np.asarray(part)[rows.camera] for part in known)
-    position, height = jax.vmap(implied_person)(*cameras, rows.edges)
+    position, height = implied_people(*cameras, rows.edges)
     np.testing.assert_allclose(height, state[:, 2], atol=0.02)
     np.testing.assert_allclose(position, state[:, :2], atol=0.02)
 
