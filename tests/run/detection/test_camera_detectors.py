@@ -1,10 +1,7 @@
 """Any number of worker processes gives the results and errors of one process."""
 
 import multiprocessing
-import os
-import threading
 import time
-from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -15,8 +12,18 @@ from catfree._run._cache import StageCache
 from catfree._run.detection._cached_detection import detect_with_cache
 from catfree._run.detection._camera_detectors import CHUNK, CameraDetectors
 from catfree._run.detection._second_look import ExpectedPeople, look_again
-from catfree.adapters import BackgroundDetector, ColorEmbedder, FrameDetections, SynchronizedVideos
+from catfree.adapters import BackgroundDetector, ColorEmbedder, SynchronizedVideos
 from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
+from tests.run.detection.failing_detectors import (
+    EndsItsProcess,
+    FailsAlone,
+    Fits,
+    FittedFails,
+    FittedLocked,
+    Locked,
+    LooksOfTwoLengths,
+    WrongInBright,
+)
 from tests.run.test_run import same_content
 
 CAMERAS, FRAMES = 3, 3 * CHUNK + 2
@@ -102,33 +109,6 @@ def test_damaged_footage_ends_where_it_ends_in_one_process(tmp_path, folders, br
     assert "cannot be decoded" in said[0]
 
 
-@dataclass
-class Fitted:
-    """Find a box or, in one camera, return something else from one picture on."""
-
-    fingerprint: str
-    wrong_from: int
-    calls: int = 0
-
-    def __call__(self, image):
-        self.calls += 1
-        if self.calls > self.wrong_from:
-            return "nobody"
-        return FrameDetections(np.array([[1.0, 1, 9, 20]]), np.ones(1))
-
-
-@dataclass
-class Fits:
-    """A detector fitted to each camera."""
-
-    fingerprint: str
-    wrong_from: int
-    kind: type = Fitted
-
-    def fit(self, images):
-        return self.kind(self.fingerprint, self.wrong_from)
-
-
 @pytest.mark.slow
 def test_a_worker_reports_a_wrong_answer_with_camera_and_frame(folders):
     videos = SynchronizedVideos(folders[::2])
@@ -150,14 +130,6 @@ def test_a_worker_keeps_its_detectors_until_the_end(folders):
             detect_with_cache(videos, cameras, None, None)
 
 
-@dataclass
-class EndsItsProcess(Fitted):
-    """End the process, as the system does when memory is short."""
-
-    def __call__(self, image):
-        os._exit(1)
-
-
 @pytest.mark.slow
 def test_a_worker_that_ended_is_said(folders):
     videos = SynchronizedVideos(folders[::2])
@@ -166,16 +138,6 @@ def test_a_worker_that_ended_is_said(folders):
         pytest.raises(CatFreeError, match=r"ended early.*workers=1"),
     ):
         detect_with_cache(videos, cameras, None, None)
-
-
-@dataclass
-class FailsAlone(Fits):
-    """Fail on the pictures of the first camera, and take minutes for those of the others."""
-
-    def fit(self, images):
-        if next(iter(images))[0, 0, 0] == 0:
-            raise InsufficientDataError("nothing to learn")
-        time.sleep(300)
 
 
 def pictures_of(tmp_path, colors, frames=2, **options):
@@ -203,21 +165,6 @@ def test_after_an_error_nobody_waits_for_the_other_processes(tmp_path):
         time.sleep(0.05)
 
 
-class TwoWordsError(Exception):
-    """A third-party exception that cannot be unpickled."""
-
-    def __init__(self, one, two):
-        super().__init__(f"{one} {two}")
-
-
-@dataclass
-class FittedFails(Fitted):
-    """A detector whose library fails."""
-
-    def __call__(self, image):
-        raise TwoWordsError("network", "down")
-
-
 @pytest.mark.slow
 def test_an_exception_of_somebody_elses_keeps_its_words(tmp_path):
     videos = pictures_of(tmp_path, (0, 100))
@@ -226,15 +173,6 @@ def test_an_exception_of_somebody_elses_keeps_its_words(tmp_path):
         pytest.raises(CatFreeError, match="TwoWordsError: network down"),
     ):
         detect_with_cache(videos, cameras, None, None)
-
-
-@dataclass
-class WrongInBright(Fitted):
-    """Fail only on bright pictures."""
-
-    def __call__(self, image):
-        found = super().__call__(image)
-        return found if image[0, 0, 0] else FrameDetections(np.zeros((0, 4)), np.zeros(0))
 
 
 @pytest.mark.slow
@@ -251,20 +189,6 @@ def test_what_one_process_would_not_have_met_is_not_met(tmp_path):
     assert same_content(*found)
 
 
-@dataclass
-class Locked(Fits):
-    """Cannot be pickled."""
-
-    lock: object = field(default_factory=threading.Lock)
-
-
-@dataclass
-class FittedLocked(Fitted):
-    """Cannot be pickled."""
-
-    lock: object = field(default_factory=threading.Lock)
-
-
 @pytest.mark.slow
 def test_detectors_that_cannot_be_sent_work_here_or_say_so(tmp_path):
     videos = pictures_of(tmp_path, (0, 100))
@@ -275,15 +199,6 @@ def test_detectors_that_cannot_be_sent_work_here_or_say_so(tmp_path):
         pytest.raises(CatFreeError, match=r"is of type FittedLocked, which cannot be pickled.*=1"),
     ):
         detect_with_cache(videos, cameras, None, None)
-
-
-class LooksOfTwoLengths:
-    """Return longer embeddings for brighter pictures."""
-
-    fingerprint = "looks"
-
-    def __call__(self, image, box):
-        return np.ones((len(box), 3 + int(image[0, 0, 0] > 50)))
 
 
 @pytest.mark.slow
