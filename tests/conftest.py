@@ -124,7 +124,8 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 
 # Linux grants a process 65,530 memory mappings; each compiled function takes about ten of them.
-MOST_MAPPINGS = 15_000
+# Dropping them takes seconds, and the next tests trace and compile their functions anew.
+MOST_MAPPINGS = 30_000
 TESTS_BETWEEN = 20  # counting tens of thousands of mappings takes a few hundredths of a second
 
 _tests = itertools.count(1)
