@@ -48,10 +48,15 @@ def boxes_with_a_gap():
     return boxes, world.scene
 
 
+@cache
+def outcome_with_a_gap():
+    boxes, scene = boxes_with_a_gap()
+    return run_stages(boxes, scene=scene)
+
+
 @pytest.mark.slow
 def test_boxes_are_written_with_the_numbers_they_had(tmp_path):
-    boxes, scene = boxes_with_a_gap()
-    outcome = run_stages(boxes, scene=scene)
+    boxes, outcome = boxes_with_a_gap()[0], outcome_with_a_gap()
     write_results(tmp_path, outcome, pictures=False)
     for camera, name in enumerate(NAMES):
         own = boxes.detections.frame[boxes.detections.camera == camera]
@@ -77,8 +82,7 @@ def test_numbered_boxes_take_the_names_of_the_scene(tmp_path):
 
 @pytest.mark.slow
 def test_the_report_lists_the_overlay_among_the_files(tmp_path):
-    boxes, scene = boxes_with_a_gap()
-    outcome = run_stages(boxes, scene=scene)
+    outcome = outcome_with_a_gap()
     for overlay in (False, True):
         write_results(tmp_path, outcome, pictures=False, overlay=overlay)
         report = (tmp_path / "report.md").read_text()
@@ -130,11 +134,11 @@ def test_a_run_leaves_what_it_leaves_in_an_empty_folder(tmp_path):
 
 @pytest.mark.slow
 def test_boxes_beside_a_rig_are_not_taken_for_those_of_a_run(tmp_path):
-    boxes, scene = boxes_with_a_gap()
+    _, scene = boxes_with_a_gap()
     write_rig(tmp_path, scene, ("a", "b", "c"))
     (tmp_path / "boxes").mkdir()
     (tmp_path / "boxes" / "a.txt").write_text("mine")
-    write_results(tmp_path, run_stages(boxes, scene=scene), pictures=False)
+    write_results(tmp_path, outcome_with_a_gap(), pictures=False)
     assert (tmp_path / "boxes" / "a.txt").read_text() == "mine"
 
 
