@@ -53,6 +53,7 @@ def test_sums_predict_how_offsets_of_cameras_move_the_map():
     offset = 1e-4 * rng.standard_normal((5, 3))
     predicted = np.linalg.solve(normal, (lever @ offset[..., None])[..., 0].sum(0))
 
+    @jax.jit
     def edges(g):
         there = jnp.asarray(state) + jnp.asarray(modes) @ g
         of_camera = jax.vmap(box_edges, (None, 0, None, None))
@@ -60,10 +61,11 @@ def test_sums_predict_how_offsets_of_cameras_move_the_map():
             jnp.asarray(views.matrix), there, jnp.asarray(views.station), 0.0
         )
 
+    slopes = jax.jit(jax.jacfwd(edges))
     target = np.asarray(edges(jnp.zeros(4))) + (offset * views.focal[:, None])[:, None]
     g = np.zeros(4)
     for _ in range(5):
-        J = np.asarray(jax.jacfwd(edges)(jnp.asarray(g))).reshape(-1, 4)
+        J = np.asarray(slopes(jnp.asarray(g))).reshape(-1, 4)
         g += np.linalg.lstsq(J, (target - np.asarray(edges(jnp.asarray(g)))).ravel(), rcond=None)[0]
     np.testing.assert_allclose(predicted, g, rtol=0.02, atol=1e-6)
 
