@@ -105,7 +105,7 @@ def _offset_of(
     others = group_people(work.grid, rest, work.settings).ground
     shift, evidence = _climb(work, state, camera, (0, state.parameters[camera]), others, maximum)
     found = evidence[shift] - evidence[0], shift
-    if camera in registered.suspects:
+    if camera == registered.weakest:
         # With a wrong clock, the camera may have been placed where it matches other people.
         margin, shift = offset_of_unplaced(work, state.without_camera(camera), camera, maximum)
         found = max(found, (margin - registered.verdicts[camera].margin, shift))

@@ -24,8 +24,6 @@ from catfree.settings import CalibrationSettings
 
 CANDIDATES = 4  # placements refined per camera, and searched for on each of its planes
 CHANCE_SHARES = (0.25, 0.5, 0.75)  # of the sequence; shifts of time that leave only chance
-SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
-HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
 
 @dataclass(frozen=True)
@@ -49,12 +47,10 @@ class AdjustedRig:
         return len(margins), float(sum(margins))
 
     @property
-    def suspects(self) -> list[int]:
-        """Cameras with far less evidence per match than is usual, the weakest first."""
-        per_match = {c: v.margin / max(1, v.matches) for c, v in self.verdicts.items()}
-        usual = float(np.median(list(per_match.values())))
-        suspects = [c for c, value in per_match.items() if value < SUSPICIOUS_SHARE * usual]
-        return sorted(suspects, key=lambda c: per_match[c])
+    def weakest(self) -> int:
+        """Camera with the least evidence per match."""
+        verdicts = self.verdicts
+        return min(verdicts, key=lambda c: verdicts[c].margin / max(1, verdicts[c].matches))
 
 
 def grow_rig(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
@@ -106,10 +102,10 @@ def fit_rig(work: Workspace, state: RigState) -> AdjustedRig | None:
 
 
 def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
-    """Remove cameras without which the others agree better.
+    """Remove the weakest camera as long as the evidence of the rig rises without it.
 
-    A camera with a wrong clock can match recurring patterns of the crowd (a path, a queue) better
-    than chance. It is recognized by low evidence per match and by its harm to the other cameras.
+    A camera with a wrong clock, or a mirrored one, can match recurring patterns of the crowd (a
+    path, a queue) better than chance, but it takes more evidence from the others than it adds.
 
     Args:
         work: the sequence.
@@ -119,14 +115,10 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
         The rig of the remaining cameras.
     """
     while len(rig.verdicts) > 2:
-        for camera in rig.suspects:
-            less = fit_rig(work, rig.state.without_camera(camera))
-            others = sum(v.margin for c, v in rig.verdicts.items() if c != camera)
-            if less is not None and less.quality[1] > HARMFUL_GAIN * others:
-                rig = less
-                break
-        else:
+        less = fit_rig(work, rig.state.without_camera(rig.weakest))
+        if less is None or less.quality[1] <= rig.quality[1]:
             break
+        rig = less
     return rig
 
 

@@ -21,12 +21,34 @@ from tests.calibration.people.search.rigs_without_boxes import (
     verdict_of,
 )
 
+evidence = st.lists(st.integers(26, 500).map(float), min_size=3, max_size=CAMERAS)
+gains = st.sampled_from([0.5, 1.0, 1.25, 1.5, 2.0, 3.0])
+
+
+@given(evidence, gains)
+def test_the_weakest_camera_leaves_if_the_others_have_more_evidence_without_it(margins, gain):
+    rig = replace(rig_of(range(len(margins))), verdicts=dict(enumerate(map(verdict_of, margins))))
+
+    def adjusted(_, state):
+        left = np.flatnonzero(state.placed).tolist()
+        verdicts = {c: verdict_of(gain * rig.verdicts[c].margin) for c in left}
+        return replace(rig, state=state, verdicts=verdicts)
+
+    with mock.patch.object(_growth, "fit_rig", adjusted):
+        kept = drop_harmful(WORK, rig)
+    strongest = sorted(margins)[1:]
+    assert (len(kept.verdicts) < len(margins)) == (gain * sum(strongest) > sum(margins))
+    assert len(kept.verdicts) >= 2
+    assert min(margins[c] for c in kept.verdicts) >= sorted(margins)[-len(kept.verdicts)]
+    assert kept.quality[1] >= rig.quality[1]
+
 
 @given(st.sets(st.integers(0, CAMERAS - 1), min_size=3), st.integers(0, CAMERAS - 1))
-def test_a_suspicious_camera_stays_if_the_others_see_nobody_in_common(cameras, at):
+def test_a_weak_camera_stays_if_the_others_see_nobody_in_common(cameras, at):
     rig = rig_of(cameras)
-    suspicious = sorted(cameras)[at % len(cameras)]
-    rig = replace(rig, verdicts={**rig.verdicts, suspicious: verdict_of(30.0)})
+    weak = sorted(cameras)[at % len(cameras)]
+    rig = replace(rig, verdicts={**rig.verdicts, weak: verdict_of(30.0)})
+    assert rig.weakest == weak
     kept = drop_harmful(WORK, rig)
     assert set(np.flatnonzero(kept.state.placed)) == cameras
     assert kept.verdicts == rig.verdicts
