@@ -189,9 +189,9 @@ class CalibrationSettings(CheckedSettings):
     )
     minimum_matches: int = constant(15, "decision", "twice as many as a camera has parameters")
     minimum_association: float = constant(
-        0.45,
+        0.5,
         "decision",
-        "nearly half: detectors miss people, and the maps of single views are rough",
+        "half: detectors miss people, and the maps of single views are rough",
     )
     minimum_margin: float = constant(
         25.0, "decision", "fitting seven parameters to chance alone gains about ten"
