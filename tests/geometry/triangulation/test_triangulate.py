@@ -223,9 +223,15 @@ def test_a_ray_of_weight_zero_is_a_ray_left_out(x64, case):
     np.testing.assert_allclose(found.distances[:3], expected.distances, atol=1e-9)
     assert found.distances[3] == 0
     assert not found.inliers[3]
+    origins, directions, weights = case
+    inliers = np.where(expected.inliers, weights, 0)
+    # Where the loss is flat, as between two lines, the minimizer has no derivative.
+    curvature = curvature_at(expected.position, (origins, directions, inliers))
+    is_curved = np.linalg.eigvalsh(curvature)[0] > 1e-6
     for mode, padded_mode in zip(jacobians(*case), jacobians(*padded), strict=True):
         for a, b in zip(mode, padded_mode, strict=True):
-            np.testing.assert_allclose(b[:, :3], a, atol=1e-6)
+            if is_curved:
+                np.testing.assert_allclose(b[:, :3], a, atol=1e-6)
             assert (np.asarray(b[:, 3]) == 0).all()
 
 
