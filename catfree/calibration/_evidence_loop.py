@@ -1,7 +1,7 @@
-"""The refinement loop of `calibrate`: adjust the rig to confident people, re-place misfits.
+"""The refinement loop of `calibrate`: adjust the rig to confident people, and search again.
 
 Refinement is local: a misplaced camera matches enough of a crowd to stay misplaced, and it distorts
-the poses of the others. Only after it is removed do the others reveal its true position.
+the poses of the others. The people of the others reveal its true position.
 """
 
 from collections.abc import Sequence
@@ -12,13 +12,11 @@ import numpy as np
 from catfree.calibration._confident_people import confident_people
 from catfree.calibration.people import (
     Calibration,
-    places_for,
     reconsider,
     refine_with_correspondences,
     remove_offsets,
     without_camera,
 )
-from catfree.calibration.people._residual_outliers import residual_outliers, worst_outlier
 from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
 from catfree.errors import CalibrationError, InsufficientDataError
 from catfree.settings import Settings
@@ -53,13 +51,20 @@ class EvidenceLoop:
     def settle(self, calibration: Calibration) -> Calibration:
         """Refine the rig, move every camera to where it fits best, and add missing cameras.
 
-        A camera that fits nowhere is flagged; its boxes may be from another time.
+        Refined cameras expose a misplaced one, so the search is repeated until no camera changes,
+        at most once per camera. A camera that fits nowhere is flagged; its boxes may be from
+        another time.
 
         Raises:
             CalibrationError: if the cameras contradict each other and share too few people to
                 determine which one is wrong.
         """
-        best = self._grow(self.replace_outliers(self.refine(calibration)))
+        best = self.refine(calibration)
+        for _ in range(len(best.scene.rig.registered)):
+            found = reconsider(best, self.detections, self.settings.calibration)
+            if found is None:
+                break
+            best = self.refine(found)
         return self.without_outliers(best)
 
     def synchronized(self, calibration: Calibration) -> tuple[Calibration, Detections]:
@@ -96,12 +101,7 @@ class EvidenceLoop:
         Raises:
             CalibrationError: if the remaining cameras agree on too few people.
         """
-        rules = self.settings.calibration
-        while (
-            calibration.scene.rig.registered.sum() >= FEWEST_TO_JUDGE
-            and residual_outliers(calibration.camera_residual, rules).any()
-        ):
-            worst = int(np.nanargmax(calibration.camera_residual))
+        while (worst := self.outlier(calibration)) is not None:
             others = without_camera(calibration, worst)
             calibration = self.refine(others)
             # Two cameras never share confident people; if three or more do not, they relied on
@@ -114,13 +114,14 @@ class EvidenceLoop:
                 )
         return calibration
 
-    def _grow(self, best: Calibration) -> Calibration:
-        """Search every camera's position again until the rig stops growing."""
-        rules, is_growing = self.settings.calibration, True
-        while is_growing and (found := reconsider(best, self.detections, rules)) is not None:
-            is_growing = bool(found.scene.rig.registered.sum() > best.scene.rig.registered.sum())
-            best = self.replace_outliers(self.refine(found))
-        return best
+    def outlier(self, calibration: Calibration) -> int | None:
+        """Find the camera whose boxes fit worst, if they fit clearly worse than the others'."""
+        residual, rules = calibration.camera_residual, self.settings.calibration
+        if calibration.scene.rig.registered.sum() < FEWEST_TO_JUDGE or np.isnan(residual).all():
+            return None
+        worst = int(np.nanargmax(residual))
+        usual = np.nanmedian(residual)
+        return worst if residual[worst] > rules.strained_residual * usual else None
 
     def refine(self, calibration: Calibration) -> Calibration:
         """Refine in rounds until the cameras stop moving; discard a round that loses information.
@@ -157,39 +158,6 @@ class EvidenceLoop:
             )
         except InsufficientDataError:
             return None
-
-    def replace_outliers(self, calibration: Calibration) -> Calibration:
-        """Move every outlier camera to a position where more of its boxes fit, if there is one.
-
-        One round without the camera undoes most of its effect on the others.
-        """
-        tried: set[int] = set()
-        while (camera := self._worst_outlier(calibration, tried)) is not None:
-            tried.add(camera)
-            others = without_camera(calibration, camera)
-            better = self._better_placed(self.refine_once(others) or others, camera, calibration)
-            calibration = better or calibration
-        return calibration
-
-    def _better_placed(
-        self, others: Calibration, camera: int, present: Calibration
-    ) -> Calibration | None:
-        """Place a missing camera where more boxes belong to confident people than at present.
-
-        The most likely such place is taken. Residuals alone would favor a camera that lost all of
-        its people.
-        """
-        for place in places_for(others, self.detections, camera, self.settings.calibration):
-            rig = self.refine(place)
-            if rig.sightings[camera] > 0 and rig.sightings.sum() > present.sightings.sum():
-                return rig
-        return None
-
-    def _worst_outlier(self, calibration: Calibration, tried: set[int]) -> int | None:
-        registered = calibration.scene.rig.registered
-        boxes = np.maximum(np.bincount(self.detections.camera, minlength=len(registered)), 1)
-        support = np.where(registered, calibration.sightings / boxes, np.nan)
-        return worst_outlier(calibration.camera_residual, support, self.settings.calibration, tried)
 
 
 def _information(calibration: Calibration) -> float:

@@ -62,11 +62,8 @@ class CalibrationSettings(CheckedSettings):
         minimum_matches: matches that an accepted camera must reach.
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
-        strained_residual: ratio of a camera's residual to the usual one above which other poses are
-            tried, and finally the camera is flagged.
-        unsupported_share: ratio of a camera's share of boxes in confident people to the usual share
-            below which other poses are tried.
-        fewest_to_compare: with fewer cameras, no other poses are tried.
+        strained_residual: ratio of a camera's residual to the usual one above which the camera is
+            flagged.
         largest_focal_sd: largest relative uncertainty of the focal length of an accepted camera.
         minimum_frames: least number of frames with boxes.
         evidence_rounds: largest number of rounds in which the most certain groups of the evidence
@@ -218,10 +215,6 @@ class CalibrationSettings(CheckedSettings):
         "decision",
         "correctly placed cameras differ by up to 1.3 (lenses, distances); one displaced by a"
         " tenth of its range has twice the usual residual",
-    )
-    unsupported_share: float = constant(0.5, "decision", "as few boxes as this fit any pose")
-    fewest_to_compare: int = constant(
-        4, "decision", "among fewer cameras, a wrong one distorts the others as much as itself"
     )
     anchor_level: float = constant(0.001, "decision", "one true anchor in a thousand is refused")
 

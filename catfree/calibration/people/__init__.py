@@ -4,7 +4,6 @@ from catfree.calibration.people._anchored import anchored as anchored
 from catfree.calibration.people._camera_search import (
     confirm as confirm,
     offset_for as offset_for,
-    places_for as places_for,
     reconsider as reconsider,
     without_camera as without_camera,
     without_vague_cameras as without_vague_cameras,

@@ -23,7 +23,7 @@ from catfree.calibration.people.matching._verdict import (
 )
 from catfree.calibration.people.matching._workspace import Workspace, prepare
 from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
-from catfree.calibration.people.search._growth import accepted_candidates
+from catfree.calibration.people.search._growth import best_candidate
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Rig
@@ -55,9 +55,9 @@ def reconsider(
         if state.placed[camera]:
             current = judge_camera(work, work.scoring, state, camera)
             least = current.margin + settings.minimum_margin
-        accepted = accepted_candidates(work, without, camera, least=least)
-        if accepted:
-            parameters, changed[camera] = accepted[0]
+        found = best_candidate(work, without, camera, least)
+        if found is not None:
+            parameters, changed[camera] = found
             state = state.with_camera(camera, parameters)
     return _with_cameras(calibration, state, changed) if changed else None
 
@@ -65,27 +65,6 @@ def reconsider(
 def without_camera(calibration: Calibration, camera: int) -> Calibration:
     """Unregister a camera, setting its parameters to NaN."""
     return _with_cameras(calibration, _state(calibration.scene.rig).without_camera(camera), {})
-
-
-def places_for(
-    calibration: Calibration, detections: Detections, camera: int, settings: CalibrationSettings
-) -> list[Calibration]:
-    """Add a missing camera to the rig at each position that its boxes allow.
-
-    Args:
-        calibration: a rig without the camera.
-        detections: (N,) the boxes it was made from.
-        camera: index of the camera.
-        settings: constants.
-
-    Returns:
-        One rig per position, most likely first, possibly none.
-    """
-    work, state = _resume(calibration, detections, settings)
-    return [
-        _with_cameras(calibration, state.with_camera(camera, parameters), {camera: verdict})
-        for parameters, verdict in accepted_candidates(work, state, camera, most=None)
-    ]
 
 
 def offset_for(

@@ -66,10 +66,9 @@ def grow_rig(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
     while not rig.state.placed.all():
         state = rig.state
         for camera in np.flatnonzero(~state.placed):
-            accepted = accepted_candidates(work, rig.state, int(camera))
-            if accepted:
-                best, _ = accepted[0]
-                state = state.with_camera(int(camera), best)
+            found = best_candidate(work, rig.state, int(camera))
+            if found is not None:
+                state = state.with_camera(int(camera), found[0])
         if state is rig.state:
             break
         grown = fit_rig(work, state)
@@ -122,15 +121,10 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
     return rig
 
 
-def accepted_candidates(
-    work: Workspace,
-    state: RigState,
-    camera: int,
-    *,
-    most: int | None = CANDIDATES,
-    least: float = 0.0,
-) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
-    """Find the placements of a camera with sufficient evidence, refined.
+def best_candidate(
+    work: Workspace, state: RigState, camera: int, least: float = 0.0
+) -> tuple[Float[np.ndarray, "7"], PlacementVerdict] | None:
+    """Find the placement of a camera with most evidence, if the evidence is sufficient.
 
     The best of many placements agrees with the others even by chance, so the same search is made
     with the camera's boxes shifted in time: evidence that it then reaches is not sufficient.
@@ -139,36 +133,31 @@ def accepted_candidates(
         work: the sequence.
         state: the rig without the camera.
         camera: index of the camera.
-        most: number of placements to refine; None for all.
-        least: margin that a placement must exceed.
+        least: margin that the placement must exceed.
 
     Returns:
-        Parameters (7,) and verdict of each placement, most likely first.
+        Refined parameters (7,) and verdict, or None.
     """
     voters, people = (
         group_people(g, state, work.settings).ground for g in (work.voting, work.scoring)
     )
 
-    def search(
-        share: float, most: int | None
-    ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
+    def search(share: float) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
         """Refine and judge placements at a shift of time, given as a share of the sequence."""
         voting, scoring = (
             grid.shifted(camera, round(share * grid.frame_count))
             for grid in (work.voting, work.scoring)
         )
         votes = voted_places(work, state, camera, voting, voters, CANDIDATES)
-        placements = [(scoring, start) for start in _distinct(votes, work.settings)[:most]]
+        placements = [(scoring, start) for start in _distinct(votes, work.settings)[:CANDIDATES]]
         return list(judge_refined(work, state, camera, placements, people).values())
 
-    found = search(0.0, most)
-    accepted = [one for one in found if one[1].accepted and one[1].margin > least]
-    if not accepted:
-        return []
-    by_chance = [one for share in CHANCE_SHARES for one in search(share, CANDIDATES)]
-    chance = max((verdict.margin for _, verdict in by_chance), default=0.0)
-    accepted = [one for one in accepted if one[1].margin > chance]
-    return sorted(accepted, key=lambda one: -one[1].margin)
+    accepted = [one for one in search(0.0) if one[1].accepted and one[1].margin > least]
+    best = max(accepted, key=lambda one: one[1].margin, default=None)
+    if best is None:
+        return None
+    by_chance = (verdict.margin for share in CHANCE_SHARES for _, verdict in search(share))
+    return None if any(margin >= best[1].margin for margin in by_chance) else best
 
 
 def _distinct(
