@@ -87,6 +87,11 @@ def test_the_camera_that_stands_out_is_the_outlier_at_any_scale(loop, right, val
     assert loop.outlier(replace(right, camera_residual=np.full(6, np.nan))) is None
 
 
+def test_the_worst_of_two_outliers_comes_first(loop, right):
+    residual = np.array([1.0, 3.0, 1.0, 1.0, 4.0, 1.0])
+    assert loop.outlier(replace(right, camera_residual=residual)) == 4
+
+
 def test_a_camera_that_fits_nowhere_is_flagged_in_the_end(world, loop, right):
     assert loop.without_outliers(right) is right
     beside = moved(right, WRONG, 2.5, -1.7)

@@ -124,7 +124,7 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
 def best_candidate(
     work: Workspace, state: RigState, camera: int, least: float = 0.0
 ) -> tuple[Float[np.ndarray, "7"], PlacementVerdict] | None:
-    """Find the placement of a camera with most evidence, if the evidence is sufficient.
+    """Find the placement of a camera with the most evidence, if the evidence is sufficient.
 
     The best of many placements agrees with the others even by chance, so the same search is made
     with the camera's boxes shifted in time: evidence that it then reaches is not sufficient.
