@@ -46,10 +46,7 @@ def judge_camera(
     grid: BoxGrid,
     state: RigState,
     camera: int,
-    *,
-    camera_people: GroundMap | None = None,
     others: GroundMap | None = None,
-    shifts: tuple[float, ...] | None = None,
 ) -> PlacementVerdict:
     """Judge a placed camera against the map of the others, at the true and at shifted times.
 
@@ -58,19 +55,14 @@ def judge_camera(
         grid: the boxes to judge by.
         state: the rig with the camera.
         camera: index of the camera.
-        camera_people: the map of the camera; computed if None.
         others: the map of the other cameras; computed if None.
-        shifts: circular shifts of time to compare with, as fractions of the sequence; those of the
-            settings if None.
     """
     settings = work.settings
     rest = state.without_camera(camera)
     if others is None:
         others = group_people(grid, rest, settings).ground
-    if camera_people is None:
-        camera_people = map_camera(
-            grid, camera, state.parameters[camera], settings, state.range_tolerance
-        )
+    parameters, tolerance = state.parameters[camera], state.range_tolerance
+    camera_people = map_camera(grid, camera, parameters, settings, tolerance)
 
     def seen_by(one: int, people: GroundMap) -> Bool[np.ndarray, "frame person"]:
         """Mark the people that a camera should see."""
@@ -111,8 +103,7 @@ def judge_camera(
 
     evidence, association, matches = at_shift(0)
     frames = grid.frame_count
-    shares = settings.chance_shifts if shifts is None else shifts
-    steps = sorted({round(share * frames) % frames for share in shares} - {0})
+    steps = sorted({round(share * frames) % frames for share in settings.chance_shifts} - {0})
     margin = evidence - max((at_shift(step)[0] for step in steps), default=np.inf)
     shortcomings = _shortcomings(association, matches, margin, settings)
     return PlacementVerdict(evidence, association, matches, margin, shortcomings)

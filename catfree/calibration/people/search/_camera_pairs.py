@@ -1,45 +1,57 @@
 """Relative placement of two cameras by their common people."""
 
-from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from jaxtyping import Float
 
+from catfree.calibration.people.cameras._camera_model import usual_focal
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState
-from catfree.calibration.people.matching._placement import Placement, moved_map, vote
+from catfree.calibration.people.matching._placement import Placement, vote
 from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
+from catfree.types._annotations import Progress
 
 PLACEMENTS_PER_VOTE = 3  # most likely placements per pair of planes
-SHORTLIST = 30  # placements of a pair to compare on few frames
-FINALISTS = 6  # of these, placements to compare on more frames
+SHORTLIST = 30  # placements of a pair to judge
 
 
-@dataclass(frozen=True)
-class PairHypothesis:
-    """Two cameras placed relative to each other from their single-view planes.
+def rank_pairs(work: Workspace, report: Progress) -> list[tuple[int, int]]:
+    """Order the pairs of cameras by the votes for their best placement, most votes first.
 
-    Attributes:
-        state: a rig of the two, the first with pan, X and Y zero.
-        margin: evidence minus the highest evidence at shifted times.
+    One vote, with the usual focal lengths and the best planes, costs a twentieth of a search.
+
+    Args:
+        work: the sequence.
+        report: called as `report("pairs", done, total)`.
     """
+    cameras, settings = range(work.grid.camera_count), work.settings
+    focal = np.log(usual_focal(work.grid.size, settings))
+    planes = [work.planes(c, float(focal[c])) for c in cameras]
+    maps = [
+        work.local_map(work.voting, c, planes[c][0]) if len(planes[c]) else None for c in cameras
+    ]
+    couples, votes = list(combinations(cameras, 2)), {}
+    for done, (one, two) in enumerate(couples, start=1):
+        target, source = maps[one], maps[two]
+        best = [] if target is None or source is None else vote(target, source, settings, 1)
+        votes[one, two] = best[0][0] if best else 0.0
+        report("pairs", done, len(couples))
+    return sorted(couples, key=lambda couple: -votes[couple])
 
-    state: RigState
-    margin: float
 
-
-def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
+def search_pair(work: Workspace, one: int, two: int) -> RigState | None:
     """Find the best relative placement of two cameras over focal lengths and plane hypotheses.
 
     Args:
         work: the sequence.
-        one: index of the fixed camera.
+        one: index of the fixed camera, with pan, X and Y zero.
         two: index of the camera to place.
 
     Returns:
-        The pair, or None if no placement has any votes.
+        A rig of the two, placed relative to each other from their single-view planes; None if no
+        placement has more evidence than the same boxes at shifted times.
     """
     settings = work.settings
     longest = work.grid.size.max(1)
@@ -61,25 +73,8 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         for (p, target), (q, source) in product(targets, sources):
             votes = vote(target, source, settings, PLACEMENTS_PER_VOTE)
             found += [(score, placement, p, q) for score, placement in votes]
-    for grid, count, shifts in (
-        (work.voting, SHORTLIST, (0.5,)),
-        (work.scoring, FINALISTS, settings.chance_shifts[1::2]),
-    ):
-        likeliest = sorted(found, key=lambda item: -item[0])[:count]
-        found = []
-        for _, placement, p, q in likeliest:
-            target, source = (work.local_map(grid, c, own) for c, own in ((one, p), (two, q)))
-            verdict = judge_camera(
-                work,
-                grid,
-                pair(p, placement.place(q)),
-                two,
-                camera_people=moved_map(source, placement),
-                others=target,
-                shifts=shifts,
-            )
-            found.append((verdict.margin, placement, p, q))
-    if not found:
-        return None
-    margin, placement, p, q = max(found, key=lambda item: item[0])
-    return PairHypothesis(pair(p, placement.place(q)), margin)
+    likeliest = sorted(found, key=lambda item: -item[0])[:SHORTLIST]
+    states = [pair(p, placement.place(q)) for _, placement, p, q in likeliest]
+    margins = [judge_camera(work, work.scoring, state, two).margin for state in states]
+    best = max(zip(margins, states, strict=True), key=lambda item: item[0], default=None)
+    return None if best is None or best[0] <= 0 else best[1]
