@@ -1,5 +1,7 @@
 """Cameras without a picture: missing detections are not evidence."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -83,6 +85,23 @@ def test_one_dead_camera_of_four_hides_nobody_and_is_named(camera):
     assert len(untold.tracks) >= 0.9 * len(told.tracks) > 0
     assert any(f"Camera {camera} has 0 of the" in warning for warning in untold.warnings)
     assert not any("in its view" in warning for warning in told.warnings)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_camera_that_is_silent_in_all_frames_is_no_camera(seed):
+    world = make_world("ring5", frames=20, people=8, seed=seed)
+    scene, boxes = world.true_scene, world.detections
+    less = boxes[boxes.camera != 2]
+    silent = [[frame, 2] for frame in range(20)]
+    told = cf.localize(less, scene, silent=silent).tracks
+    registered = np.arange(5) != 2
+    without = replace(scene, rig=replace(scene.rig, registered=registered))
+    absent = cf.localize(less, without).tracks
+    assert len(told) == len(absent) > 0
+    np.testing.assert_array_equal(told.frame, absent.frame)
+    np.testing.assert_allclose(told.position, absent.position, atol=1e-9)
+    np.testing.assert_array_equal(told.whole_views, absent.whole_views)
 
 
 def test_a_camera_with_few_false_boxes_alone_is_named():

@@ -107,6 +107,8 @@ def advance(
     evidence = evidence_of_rows(trails, now, settings)
     forward, weight = _carry(state, node.track, evidence, settings)
     shift = ground_shift(trails, now, settings)
+    learned = forgetting(learned)
+    active = learned.active | (groups.member >= 0).any(0)
     current = PendingInstant(
         time=np.array(time),
         node=node._replace(group=np.where(node.group >= 0, np.arange(len(node.group)), -1)),
@@ -115,12 +117,10 @@ def advance(
         forward=forward,
         weight=weight,
         shift=shift,
-        place=coverage_of(node.mean[:, :3], around, views, noise, settings),
+        place=coverage_of(node.mean[:, :3], around, active, views, noise, settings),
         support=np.append(boxes.row, -1)[of_tracks(groups.member, -1)],
     )
 
-    learned = forgetting(learned)
-    active = learned.active | (groups.member >= 0).any(0)
     cameras = int(active.sum())
     trials, hits = count_detections(predicted, groups.member, learned.heights, cameras, settings)
     sure = now.place[sure_groups(groups.member, log_odds, cameras, settings), :2]

@@ -23,11 +23,11 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
     rows, coverage = np.flatnonzero(alone), np.full((len(trails), 2), np.nan)
     place, frame = trails.mean[rows, :3], trails.frame[rows]
     visibility = expected_views(place, frame, boxes, views, settings)
-    coverage[rows] = coverage_of(place, visibility, views, state.noise, settings)
+    seeing = np.isin(np.arange(visibility.share.shape[1]), boxes.camera)
+    coverage[rows] = coverage_of(place, visibility, seeing, views, state.noise, settings)
     covered = np.ones(len(rows), bool)
     if settings.working_area:
-        cameras = len(np.unique(boxes.camera))
-        covered = in_working_area(place[:, :2], coverage[rows], cameras, settings)
+        covered = in_working_area(place[:, :2], coverage[rows], int(seeing.sum()), settings)
     fate = np.where(state.probability > 0.5, Fate.UNCERTAINTY_FILTER, Fate.TRACKING)
     fate[sharp] = Fate.SUPPRESSED
     fate[rows] = np.where(covered, Fate.ACCEPTED, Fate.WORKING_AREA)

@@ -21,28 +21,32 @@ MOST_SAMPLES = 16384  # positions from which the usual place is learned
 def coverage_of(
     state: np.ndarray,
     visibility: Views,
+    seeing: Bool[np.ndarray, " cam"],
     views: GroundViews,
     noise: Noise,
     settings: EvidenceSettings,
 ) -> Float[np.ndarray, "person 2"]:
-    """Compute how well the rig covers places without occlusion.
+    """Compute how well the cameras that see any people, marked in `seeing`, cover places.
+
+    Occlusion is ignored.
 
     Returns:
         (n, 2) ground uncertainty in H0, and number of images with the whole body.
     """
     # A weak prior makes positions that no camera sees vague, not undefined.
     info = np.tile(1e-6 * np.eye(3), (len(state), 1, 1))
-    for camera, edge in enumerate(noise.edge):  # all slopes together would be large
+    for camera in np.flatnonzero(seeing).tolist():  # all slopes together would be large
         matrix, focal = pinholes_towards(state, camera, views)
         station = np.broadcast_to(views.station[camera], (len(state), 2))
         _, slopes = predicted_edges(state, matrix, station)
         height, floor = visibility.height[:, camera, None], noise.angular * focal[:, None]
-        weight = visibility.inside[:, camera, None] / edge_deviation(height, edge, floor) ** 2
+        sd = edge_deviation(height, noise.edge[camera], floor)
+        weight = visibility.inside[:, camera, None] / sd**2
         info += np.einsum("nki,nk,nkj->nij", slopes[..., :3], weight, slopes[..., :3])
     flat = Information(info, np.zeros(state.shape), np.zeros(len(state)))
     _, covariance = mean_and_covariance(flat, noise.spread)
     sigma = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
-    whole = (visibility.share >= settings.cover_edges[-1]).sum(1)
+    whole = (visibility.share[:, seeing] >= settings.cover_edges[-1]).sum(1)
     return np.column_stack([sigma, whole])
 
 

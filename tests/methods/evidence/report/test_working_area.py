@@ -36,7 +36,8 @@ def judge(share, views: GroundViews, away, cameras=CAMERAS):
     _, front = people_in_cameras(state, views)
     seen = Views(front.astype(float), np.full_like(share, 100.0), 0 * share, share)
     noise = start_noise(share.shape[1], SETTINGS)
-    coverage = coverage_of(state, seen, views, noise, SETTINGS)
+    seeing = np.ones(share.shape[1], bool)
+    coverage = coverage_of(state, seen, seeing, views, noise, SETTINGS)
     return in_working_area(apart(len(coverage)), coverage, cameras, SETTINGS)
 
 
