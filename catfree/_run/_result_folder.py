@@ -122,14 +122,19 @@ def write_results(
     embeddings, blur = as_flag(embeddings, "embeddings"), as_flag(blur, "blur")
     overlay = as_flag(overlay, "overlay")
     localization, scene = outcome.localization, outcome.scene
+    localization.require_detections(outcome.detections)
+    result = root / LOCALIZATION_FILE
     try:
         make_folder(root)
         for part in FOLDERS:
             remove_abandoned(root / part)
         earlier = earlier_results(root)
+        # An interrupted write must not look like a result: this file is required, and written last.
+        result.unlink(missing_ok=True)
         files = _write_tables(root, outcome, settings, embeddings=embeddings) + write_rig(
             root, scene, outcome.camera_names
         )
+        files.append(result)
         covered = coverage(scene, area) if scene.rig.registered.sum() >= 2 else None
         drawn = []
         if pictures or (pictures is None and importlib.util.find_spec("matplotlib") is not None):
@@ -163,6 +168,7 @@ def write_results(
             video=video,
             extra=extra,
         )
+        save_value(result, localization)
     except OSError as error:
         raise cannot_write(root, error) from error
     return files
@@ -415,7 +421,6 @@ def _write_tables(
     if any(outcome.offsets):
         began = root / RESULT_OFFSETS
         files.append(write_offsets(began, outcome.offsets, outcome.camera_names))
-    outcome.localization.require_detections(outcome.detections)
     files += write_boxes(
         root,
         outcome.detections,
@@ -424,7 +429,7 @@ def _write_tables(
         outcome.localization.identity,
         embeddings=embeddings,
     )
-    return [*files, save_value(root / LOCALIZATION_FILE, outcome.localization)]
+    return files
 
 
 def numbers_of_files(frames: Int[np.ndarray, " t"], *, from_one: bool = False) -> range:

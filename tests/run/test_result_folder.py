@@ -8,10 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree._run._result_folder import numbers_of_files, write_results, write_rig
+from catfree._run import _result_folder
+from catfree._run._result_folder import (
+    numbers_of_files,
+    read_results,
+    write_results,
+    write_rig,
+)
 from catfree._run._run import RunOutcome, run_stages
 from catfree.adapters import SynchronizedVideos, read_mot, read_scene_json
 from catfree.adapters.datasets._detection_files import CameraBoxes, read_camera_boxes
+from catfree.errors import InvalidInputError, WriteError
 from catfree.methods._localize import localize
 from catfree.settings import Settings
 from catfree.synthetic import make_world
@@ -64,6 +71,26 @@ def test_boxes_are_written_with_the_numbers_they_had(tmp_path):
         np.testing.assert_array_equal(np.sort(written), np.sort(own))
     tracks = read_mot(tmp_path / "tracks_mot.txt").frame
     np.testing.assert_array_equal(np.sort(tracks), np.sort(outcome.localization.tracks.frame))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("writer", ["write_boxes", "write_rig", "write_report"])
+def test_an_interrupted_write_over_a_result_leaves_none(tmp_path, monkeypatch, writer):
+    outcome = outcome_with_a_gap()
+    write_results(tmp_path, outcome, pictures=False)
+    read_results(tmp_path)
+
+    def full(*_, **__):
+        raise OSError("No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_result_folder, writer, full)
+        with pytest.raises(WriteError):
+            write_results(tmp_path, outcome, pictures=False)
+    with pytest.raises(InvalidInputError, match=r"localization\.npz"):
+        read_results(tmp_path)
+    write_results(tmp_path, outcome, pictures=False)
+    read_results(tmp_path)
 
 
 @pytest.mark.slow
