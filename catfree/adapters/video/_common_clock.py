@@ -36,7 +36,7 @@ def on_common_clock(
         timestamps: (C) arrays: (T_c,) increasing seconds of camera c's frames 0 to T_c - 1. Times
             beyond 1e9 count from 1970-01-01T00:00:00 UTC.
         frame_rate: ticks per second; None for the lowest rate among the cameras, from the mean of
-            the intervals near their median.
+            the intervals near their median, or of all if none is near it.
 
     Returns:
         The detections with ticks as frame numbers, and the clock.
@@ -86,11 +86,13 @@ def rate_of(times: Times) -> float:
 
     Returns:
         The rate from the mean of the intervals near their median: gaps of dropped frames do not
-        count, and rounding of times to milliseconds does no harm.
+        count, and rounding of times to milliseconds does no harm. If no interval is near it, as
+        when frames come in pairs, the rate is from the mean of all.
     """
     step = np.diff(times)
     middle = float(np.median(step))
-    return 1 / float(step[np.abs(step - middle) <= middle / 2].mean())
+    near = step[np.abs(step - middle) <= middle / 2]
+    return 1 / float((near if len(near) else step).mean())
 
 
 def common_rate(rates: dict[str, float], frame_rate: float | int | None) -> float | None:

@@ -118,6 +118,20 @@ def test_gaps_and_rounding_leave_the_rate_alone():
     assert rate_of(times) == pytest.approx(30, rel=1e-5)
 
 
+@given(st.lists(st.floats(1e-3, 1e3), min_size=1, max_size=30), st.integers(1, 5))
+@example([0.1, 0.9], 10)  # pairs of frames: no interval is near the median
+def test_any_increasing_times_have_a_rate_whatever_the_order_of_cameras(steps, repeats):
+    times = np.cumsum([0.0, *steps * repeats])
+    assert 1 / np.max(steps) <= rate_of(times) * (1 + 1e-6)
+    assert rate_of(times) <= (1 + 1e-6) / np.min(steps)
+    steady = np.arange(50) / 5
+    clocks = [
+        on_common_clock(boxes([0], [0]), cameras).clock
+        for cameras in ([times, steady], [steady, times])
+    ]
+    assert clocks[0] == clocks[1] == Clock(min(rate_of(times), rate_of(steady)))
+
+
 @pytest.mark.parametrize(
     ("frame", "timestamps", "rate", "message"),
     [
