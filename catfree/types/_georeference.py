@@ -41,11 +41,14 @@ class GeoReference:
         Raises:
             InvalidInputError: if a number is not finite, or not a place on Earth.
         """
+        # Arrays and scalars of NumPy become floats, which have a hash and fit into JSON.
         for name in ("longitude", "latitude", "heading"):
-            as_number(getattr(self, name), f"{name} of a georeference")
+            number = as_number(getattr(self, name), f"{name} of a georeference")
+            object.__setattr__(self, name, number)
         origin = as_finite(self.origin, (2,), "origin of a georeference")
         object.__setattr__(self, "origin", tuple(origin.tolist()))
-        as_positive(self.meters_per_unit, "meters_per_unit of a georeference")
+        unit = as_positive(self.meters_per_unit, "meters_per_unit of a georeference")
+        object.__setattr__(self, "meters_per_unit", unit)
         _require_on_earth(np.array([[self.longitude, self.latitude]]))
 
     @classmethod

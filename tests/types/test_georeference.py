@@ -111,6 +111,18 @@ def test_an_origin_may_be_any_pair(kind):
     assert hash(earth) == hash(tuples)
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.array])
+def test_numbers_of_numpy_are_stored_as_floats(kind, tmp_path):
+    earth = object.__new__(cf.GeoReference)
+    values = map(kind, (8.5, 47.25, 30.0))
+    inspect.unwrap(cf.GeoReference.__init__)(earth, *values, meters_per_unit=kind(2.0))
+    assert hash(earth) == hash(cf.GeoReference(8.5, 47.25, 30.0, meters_per_unit=2.0))
+    plain = make_layout("ring4").scene
+    scene = cf.Scene(plain.rig, plain.ground, plain.extent, True, earth)
+    cf.adapters.write_scene_json(tmp_path / "scene.json", scene)
+    assert cf.read_scene(tmp_path / "scene.json")[0].georeference == earth
+
+
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [

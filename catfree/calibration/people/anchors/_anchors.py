@@ -46,8 +46,8 @@ class KnownDistance:
         pixels = _numbers(self.pixels, "pixels of a KnownDistance", (2, 2))
         if (pixels[0] == pixels[1]).all():
             raise InvalidInputError("The two pixels of a KnownDistance are the same point.")
-        for name in ("meters", "sd", "pixel_sd"):
-            as_positive(getattr(self, name), f"{name} of a KnownDistance")
+        _store_array(self, "pixels", pixels)
+        _store_positive(self, "meters", "sd", "pixel_sd")
 
 
 @dataclass(frozen=True)
@@ -94,16 +94,17 @@ class KnownCamera:
                 "position, longitude and latitude, or rotation."
             )
         stated = (name for name in ("height", "focal") if getattr(self, name) is not None)
-        for name in (*stated, "height_sd", "focal_sd", "position_sd", "rotation_sd"):
-            as_positive(getattr(self, name), f"{name} of a KnownCamera")
+        _store_positive(self, *stated, "height_sd", "focal_sd", "position_sd", "rotation_sd")
         if self.position is not None:
-            _numbers(self.position, "position of a KnownCamera", (2,), (3,))
+            position = _numbers(self.position, "position of a KnownCamera", (2,), (3,))
+            _store_array(self, "position", position)
         _require_place(self)
         if self.rotation is not None:
             R = _numbers(self.rotation, "rotation of a KnownCamera", (3, 3))
             large = np.abs(R).max() > 2  # products may overflow
             if large or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
                 raise InvalidInputError("rotation of a KnownCamera must be a rotation matrix.")
+            _store_array(self, "rotation", R)
 
 
 @dataclass(frozen=True)
@@ -135,16 +136,16 @@ class SurveyedPoint:
             InvalidInputError: if a value is missing or invalid.
         """
         _require_camera(self)
-        _numbers(self.pixel, "pixel of a SurveyedPoint", (2,))
+        _store_array(self, "pixel", _numbers(self.pixel, "pixel of a SurveyedPoint", (2,)))
         if self.position is not None:
-            _numbers(self.position, "position of a SurveyedPoint", (2,))
+            position = _numbers(self.position, "position of a SurveyedPoint", (2,))
+            _store_array(self, "position", position)
         _require_place(self)
         if self.position is None and self.longitude is None:
             raise InvalidInputError(
                 "A SurveyedPoint needs a position, or a longitude and latitude."
             )
-        for name in ("sd", "pixel_sd"):
-            as_positive(getattr(self, name), f"{name} of a SurveyedPoint")
+        _store_positive(self, "sd", "pixel_sd")
 
 
 Anchor = KnownDistance | KnownCamera | SurveyedPoint
@@ -329,8 +330,10 @@ def _require_place(anchor: KnownCamera | SurveyedPoint) -> None:
     if (longitude is None) != (latitude is None):
         raise InvalidInputError(f"A {kind} needs both longitude and latitude, or neither.")
     if longitude is not None and latitude is not None:
-        _numbers((longitude, latitude), f"longitude and latitude of a {kind}", (2,))
-        GeoReference(longitude, latitude)
+        degrees = _numbers((longitude, latitude), f"longitude and latitude of a {kind}", (2,))
+        place = GeoReference(*degrees.tolist())
+        object.__setattr__(anchor, "longitude", place.longitude)
+        object.__setattr__(anchor, "latitude", place.latitude)
         if position is not None:
             raise InvalidInputError(
                 f"A {kind} has a position or a longitude and latitude, not both."
@@ -344,6 +347,19 @@ def _require_camera(anchor: Anchor) -> None:
             f"camera of a {type(anchor).__name__} is {quoted(anchor.camera)}; it must be the index "
             "or the name of one."
         )
+
+
+def _store_positive(anchor: Anchor, *names: str) -> None:
+    """Store attributes of an anchor as floats, which must be positive."""
+    for name in names:
+        number = as_positive(getattr(anchor, name), f"{name} of a {type(anchor).__name__}")
+        object.__setattr__(anchor, name, number)
+
+
+def _store_array(anchor: Anchor, name: str, values: Float[np.ndarray, "..."]) -> None:
+    """Store an attribute of an anchor as a tuple, or tuple of tuples, which has a hash."""
+    rows = values.tolist()
+    object.__setattr__(anchor, name, tuple(map(tuple, rows)) if values.ndim == 2 else tuple(rows))
 
 
 def _numbers(values: object, name: str, *shapes: tuple[int, ...]) -> Float[np.ndarray, "..."]:

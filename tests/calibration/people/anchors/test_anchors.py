@@ -1,5 +1,6 @@
 """Anchors: invalid ones are refused in one sentence, and files can store all of them."""
 
+import inspect
 import json
 import math
 
@@ -38,6 +39,31 @@ ENDS = ((640.0, 500.0), (810.0, 505.0))
 def test_anchors_that_state_nothing_possible_are_refused(kind, values, sentence):
     with pytest.raises(InvalidInputError, match=sentence):
         kind("north", **values)
+
+
+@pytest.mark.parametrize("kind", [list, np.array])
+@pytest.mark.parametrize(
+    "anchor",
+    [
+        cf.KnownDistance("north", ENDS, 5.0),
+        cf.KnownCamera("north", height=4.0, position=(1.0, 2.0, 4.0)),
+        cf.KnownCamera("north", rotation=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+        cf.SurveyedPoint("north", ENDS[0], position=(1.0, 2.0)),
+        cf.SurveyedPoint("north", ENDS[0], longitude=8.5, latitude=47.25),
+    ],
+)
+def test_anchors_of_lists_and_arrays_equal_those_of_tuples(anchor, kind):
+    def converted(value):
+        if isinstance(value, tuple):
+            return kind([list(row) if isinstance(row, tuple) else row for row in value])
+        return np.float32(value) if value in (5.0, 4.0, 8.5, 47.25) else value
+
+    again = object.__new__(type(anchor))
+    inspect.unwrap(type(anchor).__init__)(
+        again, **{k: converted(v) for k, v in vars(anchor).items()}
+    )
+    assert again == anchor
+    assert hash(again) == hash(anchor)
 
 
 def test_a_file_holds_anchors_of_all_kinds(tmp_path):
