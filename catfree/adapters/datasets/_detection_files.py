@@ -396,6 +396,13 @@ def _is_number(word: Any) -> bool:
     return True
 
 
+def _is_index(word: str) -> bool:
+    """Return whether a word is a whole number: "7" and "2.0" are, but "007" is a name."""
+    if not (_is_number(word) and float(word).is_integer()):
+        return False
+    return "." in word or "e" in word.lower() or str(int(word)) == word
+
+
 def _part_of_table(
     table: dict[str, Any], path: Path, known: tuple[str, ...], lines: Sequence[int] | None = None
 ) -> _Part:
@@ -444,8 +451,8 @@ def _cameras(
     if not names or not names <= set(known):
         if cameras.dtype.kind not in "OUST":
             return cameras, None
-        if all(_is_number(word) and float(word).is_integer() for word in names):
-            return _numbers(words, name), None  # "2.0" is a number, too
+        if all(map(_is_index, names)):
+            return _numbers(words, name), None
     return np.array(words), tuple(sorted(names, key=natural_order))
 
 

@@ -266,6 +266,9 @@ def test_numbers_of_cameras_may_be_written_as_floats(boxes, tmp_path):
     columns["camera"] = np.array([1.5, 2.5, 3.5])[boxes.camera]  # names, such as floor and number
     _, names = cf.read_detections(write_csv(tmp_path / "boxes.csv", columns))
     assert names == ("1.5", "2.5", "3.5")
+    columns["camera"] = np.array(["7", "007", "1e1"])[boxes.camera]  # 007 is not camera 7
+    _, names = cf.read_detections(write_csv(tmp_path / "boxes.csv", columns))
+    assert set(names) == {"7", "007", "1e1"}
 
 
 @given(
