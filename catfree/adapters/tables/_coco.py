@@ -52,7 +52,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     Data sets, objects with `images` and `annotations`, are read, too. The camera of an image is
     the folder of its `file_name`, and the frame the last number in it: `C1/000005.png`. Without a
     data set, the `image_id` of a result is a file name, or a whole number: the frame of a single
-    camera.
+    camera. Boxes around groups, `"iscrowd": 1`, are left out.
 
     Args:
         path: the results, or the data set with annotations.
@@ -64,8 +64,8 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     Raises:
         InvalidInputError: if there is no such file, or a box has no area or a score is invalid.
         FileFormatError: naming the first entry that has another form or an unknown image, the first
-            image that shares camera and frame with another or differs in size from the camera's
-            first, or if no box is of a person.
+            image that shares its id, or camera and frame, with another or differs in size from the
+            camera's first, or if no box is of a person.
     """
     document = read_json(path, "boxes in COCO's form")
     described = document if isinstance(document, dict) else None
@@ -95,6 +95,8 @@ def _boxes(
             others.append(str(category))
             continue
         name = entry(row, "image_id", where)
+        if row.get("iscrowd"):
+            continue
         image = None
         if isinstance(name, int | str):
             image = _image_of(name) if images_by_id is None else images_by_id.get(name)
@@ -165,6 +167,7 @@ def _images(document: Any) -> dict[Any, _Image]:
     images_by_id: dict[Any, _Image] = {}
     files: dict[tuple[str, int], Any] = {}
     sizes: dict[str, tuple[int, int]] = {}
+    names: dict[Any, str] = {}
     for at, row in enumerate(list_of(entry(document, "images"), "images")):
         where = f"image {at}"
         name = entry(row, "file_name", where)
@@ -189,7 +192,14 @@ def _images(document: Any) -> dict[Any, _Image]:
         key = entry(row, "id", where)
         if not isinstance(key, int | str):
             raise FileFormatError(f"the id of {where} is {quoted(key)}.")
-        images_by_id[key] = image._replace(size=size)
+        image = image._replace(size=size)
+        other = images_by_id.setdefault(key, image)
+        if other[:2] != image[:2]:
+            raise FileFormatError(
+                f"the images {quoted(names[key])} and {quoted(name)} have the same id, "
+                f"{quoted(key)}, so boxes of it could be of either. Give each image its own id."
+            )
+        names[key] = name
     return images_by_id
 
 

@@ -404,6 +404,18 @@ def test_images_of_one_camera_have_one_size(tmp_path):
         read_coco(path)
 
 
+def test_images_of_coco_with_one_id_are_refused_and_groups_left_out(tmp_path):
+    images = [{"id": 1, "file_name": "a/1.png"}, {"id": 1, "file_name": "b/1.png"}]
+    box = {"image_id": 1, "bbox": [1, 2, 3, 4]}
+    boxes = [box | {"iscrowd": 0}, box | {"iscrowd": 1}]
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({"images": images, "annotations": boxes}))
+    with pytest.raises(FileFormatError, match=r"a\.json: .*'a/1\.png' and 'b/1\.png'.* same id, 1"):
+        read_coco(path)
+    path.write_text(json.dumps({"images": [images[0], images[0]], "annotations": boxes}))
+    assert len(read_coco(path).detections) == 1
+
+
 @pytest.mark.parametrize("described", [False, True])
 def test_two_images_of_coco_are_not_taken_for_one(described, tmp_path):
     names = ["a/cam1_0005.jpg", "a/cam2_0005.jpg"]
