@@ -10,6 +10,7 @@ from pathlib import Path
 from catfree._worker import postponed_interruption
 from catfree.cli._inputs import Unit, open_scene
 from catfree.cli._terminal import print_text, warn
+from catfree.errors import InvalidInputError
 
 ASIDE = {
     "error": "Line {line} is left out: {message}",
@@ -59,7 +60,13 @@ def watch(
 
 
 def _standard_input() -> Iterator[str]:
-    """Yield lines until the end or an interruption, which makes all positions final."""
+    """Yield lines until the end or an interruption, which makes all positions final.
+
+    Raises:
+        InvalidInputError: if standard input is closed.
+    """
+    if sys.stdin is None:  # `<&-`
+        raise InvalidInputError("Standard input is closed. Pipe the lines of boxes into it.")
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
     with contextlib.suppress(KeyboardInterrupt):

@@ -93,6 +93,14 @@ def test_a_missing_scene_is_one_sentence(tmp_path, capsys):
     assert "no.json" in capsys.readouterr().err
 
 
+def test_a_closed_standard_input_is_one_sentence(tmp_path, monkeypatch, capsys):
+    scene = make_world("ring4", frames=2, people=1).scene
+    path = write_scene_json(tmp_path / "scene.json", scene, list("abcd"))
+    monkeypatch.setattr("sys.stdin", None)
+    assert cli.main(["watch", "--scene", str(path), "--frame-rate", "5"]) == 1
+    assert "Standard input is closed." in capsys.readouterr().err
+
+
 def test_a_scene_of_another_unit_is_in_meters(tmp_path, monkeypatch):
     scene = make_world("ring4", frames=2, people=1).true_scene
     path = write_anipose_toml(tmp_path / "c.toml", scene.rig, list("abcd"), metres_per_unit=0.01)
