@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree.errors import needing
+from catfree.errors import WriteError, needing
 
 FAILURE, INTERRUPTED = 1, 130
 WIDEST = 1000  # columns of a table in a file or pipe, where no line is folded
@@ -130,7 +130,19 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:  # `Progress` 
 def print_text(text: str) -> None:
     """Print a line on standard output at once; escape what its encoding cannot represent."""
     encoding = sys.stdout.encoding or "utf-8"
-    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
+    with _naming_output():
+        print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
+
+
+@contextlib.contextmanager
+def _naming_output() -> Iterator[None]:
+    """Raise `WriteError` if standard output cannot be written; its `OSError` names no file."""
+    try:
+        yield
+    except BrokenPipeError:  # the reader ended, which is no failure
+        raise
+    except OSError as error:
+        raise WriteError(f"Standard output: {error.strerror or error}.") from error
 
 
 def print_result(outcome: Any, out: Path) -> None:
@@ -161,7 +173,8 @@ def print_table(table: Any, *, aside: bool = False) -> None:
     console = Console(stderr=aside)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = WIDEST
-    console.print(drawn)
+    with contextlib.nullcontext() if aside else _naming_output():
+        console.print(drawn)
 
 
 def fail(sentence: str) -> int:

@@ -1,6 +1,7 @@
 """Output of the command line: readable names of all stages, failures on standard error."""
 
 import ast
+import contextlib
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import catfree
 from catfree.cli import _terminal as cli_terminal
 from catfree.cli._terminal import FAILURE, STAGE_LABELS, fail, print_table, print_text, warn
+from catfree.errors import WriteError
 from catfree.viz.page._blocks import Table
 
 ROOT = Path(catfree.__file__).parent
@@ -105,6 +107,18 @@ def test_warnings_are_lines_with_the_words_of_the_shell(capsys):
 def test_paths_that_are_no_text_are_escaped(capsys):
     print_text("pictures in gr\udcf6\udcdfe")
     assert capsys.readouterr().out == "pictures in gr\\udcf6\\udcdfe\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="/dev/full is of Linux")
+@pytest.mark.parametrize("show", [print_text, lambda text: print_table(Table((text,), ()))])
+def test_a_full_standard_output_is_named(monkeypatch, show):
+    with Path("/dev/full").open("w") as full:
+        monkeypatch.setattr("sys.stdout", full)
+        with pytest.raises(WriteError, match=r"^Standard output: No space left on device\.$"):
+            show("text")
+        monkeypatch.undo()
+        with contextlib.suppress(OSError):
+            full.close()
 
 
 def test_tables_are_printed_whole(capsys):
