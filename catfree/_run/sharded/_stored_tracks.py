@@ -23,7 +23,7 @@ from catfree.adapters.tables._parquet import open_dataset
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Scene, Tracks
-from catfree.types._validation import as_number
+from catfree.types._validation import as_float, as_number, refuse, require_shape
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,15 @@ class StoredTracks:
         return map(self._read, self.parts)
 
     def between(self, begin: float | int, end: float | int) -> Tracks:
-        """Read the positions from `begin` to before `end`, in seconds on the clock."""
+        """Read the positions from `begin` to before `end`, in seconds on the clock.
+
+        Raises:
+            InvalidInputError: if one of them is not a number; infinity is.
+        """
+        for name, value in (("begin", begin), ("end", end)):
+            seconds = as_float(value, name)
+            require_shape(seconds, (), name)
+            refuse(np.isnan(seconds), seconds, name, "; it must be a number of seconds.")
         chosen = [
             part
             for part in self.parts
@@ -134,6 +142,8 @@ def open_tracks(out: StrPath) -> StoredTracks:
     with document_of(path, MANIFEST_SCHEMA, "manifest", "Join the shards again.") as document:
         clock = from_json(Clock, document["clock"], "clock")
         parts = tuple(_part(folder, row) for row in document["parts"])
+        if not parts:
+            raise InvalidInputError("it lists no parts")
         people, sha256 = int(document["people"]), document["scene_file"]
     scene, names = read_scene_json(require_scene_file(folder, sha256))
     for part in parts:

@@ -1,5 +1,7 @@
 """A joined table is read part by part, by catfree and others, and damage is detected."""
 
+import datetime
+import inspect
 import json
 import shutil
 
@@ -52,6 +54,17 @@ def test_a_stretch_of_time_is_a_selection_of_rows(out, begin, end):
     np.testing.assert_array_equal(some.ground_xy, chosen.ground_xy)
 
 
+def test_a_stretch_of_time_begins_and_ends_at_numbers(out):
+    stored = cf.open_tracks(out)
+    assert len(stored.between(-np.inf, np.inf)) == len(stored)
+    between = inspect.unwrap(type(stored).between)  # bypass the tests' type checks
+    for bad in (np.nan, "0", None, [0.0], datetime.datetime(2026, 1, 1)):
+        with pytest.raises(InvalidInputError, match=r"^begin"):
+            between(stored, bad, 2)
+        with pytest.raises(InvalidInputError, match=r"^end"):
+            between(stored, 2, bad)
+
+
 @pytest.mark.slow
 def test_others_read_the_folder_as_one_table(out):
     dataset = pytest.importorskip("pyarrow.dataset", reason="pyarrow is not installed")
@@ -75,8 +88,8 @@ def work_file(out, name):
     return out / "_shards" / name
 
 
-def without_columns(path):
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"parts": [{}]}))
+def with_parts(path, parts):
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"parts": parts}))
 
 
 DAMAGES = {
@@ -85,7 +98,8 @@ DAMAGES = {
     "is not the scene": lambda out: work_file(out, "scene.json").write_text("{}"),
     "manifest": lambda out: work_file(out, "manifest.json").write_text("{"),
     "another version": lambda out: work_file(out, "manifest.json").write_text('{"schema": "1"}'),
-    "damaged": lambda out: without_columns(work_file(out, "manifest.json")),
+    "damaged": lambda out: with_parts(work_file(out, "manifest.json"), [{}]),
+    "lists no parts": lambda out: with_parts(work_file(out, "manifest.json"), []),
 }
 
 
