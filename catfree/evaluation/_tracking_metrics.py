@@ -221,8 +221,9 @@ def _match_frames(
     for truth, predicted in sequence:
         difference = sequence.truth[truth, None, 2:] - sequence.predicted[None, predicted, 2:]
         squared = (difference**2).sum(axis=-1)
-        # Squares, not roots: rounding a root would let a distance just above the gate in.
-        admissible = squared <= gate**2
+        # Squares, not roots: rounding a root would let a distance just above the gate in. The
+        # product of floats may be infinite, where their power is an OverflowError.
+        admissible = squared <= gate * gate
         distances = np.sqrt(squared)
         row, column = np.nonzero(admissible)
         shared[person[truth[row]], hypothesis[predicted[column]]] += 1

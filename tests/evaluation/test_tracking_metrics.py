@@ -280,6 +280,14 @@ def test_bad_rows_are_named(function, truth, predicted, message):
         function(truth, predicted)
 
 
+def test_the_largest_threshold_matches_everybody():
+    truth, predicted = [[0, 1, 0.0, 0.0]], [[0, 1, 1e9, 0.0]]
+    for metrics in (evaluation.tracking_metrics, evaluation.detection_metrics):
+        for threshold in (1e10, 1e300):
+            found = metrics(truth, predicted, threshold=threshold)
+            assert (found.fp, found.fn) == (0, 0)
+
+
 def test_parts_of_different_thresholds_are_refused():
     one = [[0, 1, 0.0, 0.0]]
     parts = [evaluation.tracking_metrics(one, one, threshold=t) for t in (0.5, 1.0)]
