@@ -96,7 +96,12 @@ class Plane(eqx.Module):
         return x @ self.normal + self.offset
 
     def project(self, x: Any) -> Any:
-        """Orthogonal projection of points (..., 3) onto the plane, (..., 3)."""
+        """Orthogonal projection of points (..., 3) onto the plane, (..., 3).
+
+        Raises:
+            InvalidInputError: if points do not have three coordinates.
+        """
+        x = as_float(x, "x")
         return x - self.signed_distance(x)[..., None] * self.normal
 
 

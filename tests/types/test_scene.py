@@ -29,7 +29,8 @@ def test_distances_are_those_of_points(points, message):
     for use in (plane.signed_distance, plane.project):
         with pytest.raises(InvalidInputError, match=message):
             use(points)
-    np.testing.assert_array_equal(plane.project([1, 2, 3]), [1, 2, -1])
+    for one in (plane, Plane(jnp.array([0.0, 0, 1]), jnp.array(1.0))):
+        np.testing.assert_array_equal(one.project([1, 2, 3]), [1, 2, -1])
 
 
 @given(UNIT, UNIT, UNIT, st.floats(-10, 10), st.sampled_from([np.float32, np.float64]))
