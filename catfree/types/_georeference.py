@@ -7,7 +7,14 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from catfree.errors import InvalidInputError
-from catfree.types._validation import as_finite, as_float, as_number, as_positive, require_shape
+from catfree.types._validation import (
+    as_finite,
+    as_float,
+    as_number,
+    as_positive,
+    refuse,
+    require_shape,
+)
 
 # The ellipsoid of WGS 84.
 _EQUATOR, _FLATTENING = 6378137.0, 1 / 298.257223563
@@ -101,12 +108,21 @@ class GeoReference:
     def to_longitude_latitude(self, xy: ArrayLike) -> Float[np.ndarray, "m 2"]:
         """Return the (M, 2) longitude and latitude of (M, 2) ground coordinates in degrees.
 
+        Raises:
+            InvalidInputError: if a coordinate is not finite, or a point is more than 50 km away.
+
         Source: the ellipsoid's surface below each point of the plane, by Bowring (1985), "The
             accuracy of geodetic latitude and height equations".
         """
-        points = np.asarray(as_float(xy, "xy"), np.float64)
-        require_shape(points, (None, 2), "xy")
-        east_north = self.meters_per_unit * (points - self.origin) @ self._turn.T
+        points = as_finite(xy, (None, 2), "xy")
+        with np.errstate(over="ignore", invalid="ignore"):  # such points are too far away
+            east_north = self.meters_per_unit * (points - self.origin) @ self._turn.T
+        near = (np.abs(east_north) <= _FARTHEST).all(axis=1)
+        fault = (
+            f", more than {_FARTHEST / 1000:g} km from the place of the georeference. Check its "
+            "meters_per_unit and origin."
+        )
+        refuse(~near, points, "xy", fault)
         base, axes = _tangent_plane(self.longitude, self.latitude)
         x, y, z = (base + east_north @ axes[:2]).T
         p, polar = np.hypot(x, y), _EQUATOR * (1 - _FLATTENING)

@@ -46,6 +46,21 @@ def test_places_are_those_of_an_independent_computation(given_reference, x, y):
     assert np.linalg.norm(np.cross(point - below, vertical)) < 1e-6
 
 
+@pytest.mark.parametrize(
+    ("xy", "sentence"),
+    [
+        ([0.0, np.nan], r"xy\[1, 1\] is not finite"),
+        ([1e300, 0.0], r"xy\[1\] is \[1e\+300, 0.0\], more than 50 km"),
+        ([-1.7e308, 1.7e308], "more than 50 km"),
+        ([0.0, 60_000.0], "more than 50 km"),
+    ],
+)
+def test_places_too_far_away_are_refused(xy, sentence):
+    earth = cf.GeoReference(8.5, 47.3, 30.0, (1.7e308, 0.0) if xy[0] < 0 else (0.0, 0.0))
+    with pytest.raises(InvalidInputError, match=sentence):
+        earth.to_longitude_latitude([earth.origin, xy])
+
+
 @pytest.mark.slow
 @given(references, st.floats(-2000, 2000), st.floats(-2000, 2000))
 def test_there_and_back(given_reference, x, y):
