@@ -10,7 +10,13 @@ from jaxtyping import Float
 from catfree.adapters.files._documents import write_text_atomically
 from catfree.errors import InvalidInputError
 from catfree.types import Tracks
-from catfree.types._validation import as_count, as_path, as_positive, require_instance
+from catfree.types._validation import (
+    as_count,
+    as_path,
+    as_positive,
+    require_finite,
+    require_instance,
+)
 
 MOST_CELLS = 4_000_000
 
@@ -52,12 +58,13 @@ def heat_map(tracks: Tracks, cell: float | int, k: int = 5) -> HeatMap:
         The map, as large as the shown cells require; (0, 0) if there are none.
 
     Raises:
-        InvalidInputError: if `cell` is not a positive length, `k` is below 1, or the shown cells
-            are too far apart.
+        InvalidInputError: if `cell` is not a positive length, `k` is below 1, a position is not
+            finite, or the shown cells are too far apart.
     """
     require_instance(tracks, Tracks, "tracks")
     side, fewest = as_positive(cell, "cell"), as_count(k, "k", least=1)
     known = np.asarray(tracks.track_id) >= 0
+    require_finite(tracks.ground_xy, "ground_xy", known)
     place = np.floor(np.asarray(tracks.ground_xy, np.float64)[known] / side)
     if (np.abs(place) >= 2**53).any():
         raise InvalidInputError(f"cell is {cell!r}, too small for positions this far away.")

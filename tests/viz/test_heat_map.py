@@ -100,6 +100,13 @@ def test_a_map_too_large_or_too_fine_is_refused():
         heat_map(far, 1e-12, 1)
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_positions_of_people_are_finite(bad):
+    with pytest.raises(InvalidInputError, match=r"ground_xy\[1, 0\] is not finite"):
+        heat_map(tracks_of([0, 0], [(0, 0), (bad, 0)]), 1.0, 1)
+    assert heat_map(tracks_of([0, -1], [(0, 0), (bad, 0)]), 1.0, 1).positions.tolist() == [[1.0]]
+
+
 def test_the_file_has_the_cells_that_are_shown(tmp_path):
     heat = heat_map(tracks_of([0, 1, 2], [(0.5, 0.5), (0.5, 0.5), (5, 5)]), 1.0, 2)
     lines = write_heat_map(tmp_path / "heat.csv", heat).read_text().splitlines()
