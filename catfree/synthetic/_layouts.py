@@ -77,10 +77,11 @@ def ring(
         The layout; the cameras stand 1 to 3 m outside the square's inscribed circle.
 
     Raises:
-        InvalidInputError: if a count, a length or a size is invalid.
+        InvalidInputError: if a count, a length, a size or the frame rate is invalid.
     """
     cameras = as_count(cameras, "cameras", least=1)
-    side = as_positive(side, "side")
+    side, fps = as_positive(side, "side"), as_positive(fps, "fps")
+    people = as_count(people, "people", least=0)
     low, high = np.sort(as_finite(height, (2,), "height"))
     size = as_integer(image_size, "image_size")
     require_shape(size, (2,), "image_size")

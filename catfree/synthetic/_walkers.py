@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from catfree.errors import InvalidInputError
 from catfree.synthetic._crowd_motion import Crowd, advance_crowd
 from catfree.types._validation import (
     as_area,
@@ -121,7 +122,7 @@ def simulate_walkers(
 
     Raises:
         InvalidInputError: if a count or a time is negative, the area or the frame rate is not
-            positive, or a number is not finite.
+            positive, `standing` is no share, or a number is not finite.
     """
     area, fps = as_area(area), as_positive(fps, "fps")
     frames = as_count(frames, "frames", least=1)
@@ -129,6 +130,9 @@ def simulate_walkers(
     background = as_count(background, "background", least=0)
     places = as_rows([] if obstacles is None else obstacles, 3, "obstacles").astype(np.float64)
     require_finite(places, "obstacles")
+    share = as_number(standing, "standing")
+    if not 0 <= share <= 1:
+        raise InvalidInputError(f"standing is {share:g}; it must be a share, from 0 to 1.")
     rng = seeded(seed)
     group, start, leave, is_background = _schedule(
         rng, people, background, duration=frames / fps, stay=as_duration(stay, "stay")
@@ -140,7 +144,7 @@ def simulate_walkers(
         start=start,
         leave=leave,
         background=is_background,
-        standing=as_number(standing, "standing"),
+        standing=share,
         standing_time=as_duration(standing_time, "standing_time"),
         obstacles=places,
     )

@@ -106,6 +106,8 @@ def test_unknown_layouts_are_named(name):
         (make_layout, {"name": None}, "There is no layout None"),
         (make_layout, {"name": "wildtrack", "seed": -1}, "seed is -1; it must be 0 or more"),
         (ring, {"side": -1}, "side is -1; it must be a positive number"),
+        (ring, {"fps": 0}, "fps is 0; it must be a positive number"),
+        (ring, {"people": -1}, "people is -1; it must be 0 or more"),
         (ring, {"height": 3}, r"height must have shape \(2\), got \(\)"),
         (ring, {"image_size": None}, "image_size must hold whole numbers"),
         (make_world, {"rig_error": 3, "frames": 2}, "rig_error must be a RigError, got int"),

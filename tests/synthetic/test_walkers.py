@@ -143,6 +143,8 @@ def test_rows_hold_who_is_inside():
         (AREA, {"fps": 10**400}),
         (AREA, {"stay": -1}),
         (AREA, {"standing": np.nan}),
+        (AREA, {"standing": 2}),
+        (AREA, {"standing": -0.1}),
         (AREA, {"standing_time": -1}),
         (AREA, {"seed": -1}),
         (AREA, {"obstacles": np.array([[np.nan, 0.0, 1.0]])}),
