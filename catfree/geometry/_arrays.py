@@ -76,7 +76,8 @@ def require_rays(origins: HostOrDevice, directions: HostOrDevice, weights: HostO
         require_shape(vectors, (len(weights), 3), name)
     if is_traced(directions, weights):
         return
-    length = np.linalg.norm(np.asarray(directions), axis=-1)
+    with np.errstate(over="ignore"):  # absent rows may hold anything
+        length = np.linalg.norm(np.asarray(directions), axis=-1)
     wrong = (np.asarray(weights) > 0) & ~(np.abs(length - 1) <= UNIT_TOLERANCE)
     if wrong.any():
         at = int(np.argmax(wrong))

@@ -370,7 +370,7 @@ def test_what_are_no_rays_of_one_person_is_refused():
     origins = np.array([[-10.0, 0, 0], [0, -10, 1], [0, 0, 9]])
     rays = origins, np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, -1]]), np.ones(3)
     long = rays[1] * [[1], [3], [1]]
-    absent = np.array([1.0, 0, 1])
+    absent, largest = np.array([1.0, 0, 1]), float(np.finfo(jnp.result_type(float)).max)
     robust, squares, information = map(  # as without type checks
         inspect.unwrap,
         (geometry.triangulate, geometry.triangulate_least_squares, geometry.information),
@@ -380,9 +380,10 @@ def test_what_are_no_rays_of_one_person_is_refused():
         squares,
         lambda *case: information(np.ones(3), *case, 0.1),
     ):
-        np.testing.assert_array_equal(
-            function(origins, long, absent), function(*rays[:2], absent)
-        )  # an absent ray may have any value
+        for any_value in (long, rays[1] * [[1], [largest], [1]]):  # of an absent ray
+            np.testing.assert_array_equal(
+                function(origins, any_value, absent), function(*rays[:2], absent)
+            )
         for case, named in [
             ((origins, long, rays[2]), r"directions\[1\] has length 3"),
             ((origins, rays[1] * [[np.nan], [1], [1]], rays[2]), r"directions\[0\] has length nan"),
