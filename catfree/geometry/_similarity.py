@@ -260,7 +260,10 @@ def transform_rig(similarity: Similarity, rig: Rig) -> Rig:
     scale, rotation, translation, xp = _parts(similarity, rig.R)
     turned = xp.einsum("cij,kj->cik", rig.R, rotation)
     shift = xp.einsum("cij,j->ci", turned, translation)
-    return replace(rig, R=turned, t=scale * rig.t - shift)
+    moved = scale * rig.t - shift
+    if is_traced(*jax.tree.leaves(rig)):  # `Rig` cannot inspect traced sizes, flags and lenses
+        return eqx.tree_at(lambda r: (r.R, r.t), rig, (turned, moved))
+    return replace(rig, R=turned, t=moved)
 
 
 def transform_plane(similarity: Similarity, plane: Plane) -> Plane:
@@ -343,5 +346,5 @@ def _parts(similarity: Similarity, like: Any) -> tuple[Any, Any, Any, Any]:
     if isinstance(like, np.ndarray) and not is_traced(*parts):
         scale, rotation, translation = (np.asarray(part, like.dtype) for part in parts)
         return scale, rotation, translation, np
-    scale, rotation, translation = (jnp.asarray(part, like.dtype) for part in parts)
+    scale, rotation, translation = (jnp.asarray(part, jnp.result_type(like)) for part in parts)
     return scale, rotation, translation, jnp

@@ -260,6 +260,30 @@ def test_a_scene_moves_under_tracing():
     assert np.isfinite(jax.grad(extent)(2.0))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_traced_scenes_move_as_others(dtype):
+    scene = ring_scene(dtype)
+    turn = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix()
+    moves = [Similarity(scale, turn, np.arange(3.0)) for scale in (0.5, 2)]
+    several = jax.tree.map(lambda *parts: jnp.stack(parts), *moves)
+    for transform, moved in (
+        (geometry.transform_rig, scene.rig),
+        (geometry.transform_scene, scene),
+    ):
+        batched = jax.vmap(transform, (0, None))(several, moved)
+        for at, move in enumerate(moves):
+            expected = transform(move, moved)
+            for found in (
+                jax.jit(transform)(move, moved),
+                jax.jit(lambda s, f=transform, m=moved: f(s, m))(move),
+                jax.tree.map(lambda leaf, at=at: leaf[at], batched),
+            ):
+                jax.tree.map(
+                    lambda a, b: np.testing.assert_allclose(a, b, atol=1e-4), found, expected
+                )
+
+
 @pytest.mark.parametrize(
     ("source", "target"), [((0, 3), (0, 3)), ((4, 3), (5, 3)), ((4, 3), (4, 2))]
 )
