@@ -23,7 +23,8 @@ def frames_of_pairs(
 ) -> Int[np.ndarray, " h"]:
     """Count the frames of the longest-lasting match of each hypothesis.
 
-    A match is a pair of tracklets of two cameras that support one hypothesis.
+    A match is a pair of tracklets of two cameras that support one hypothesis. Runs in NumPy, so
+    JAX cannot trace it.
 
     Args:
         frame: (H,) frame of each hypothesis.
@@ -66,6 +67,8 @@ def temporally_consistent(
     minimum_frames: int = 2,
 ) -> Bool[np.ndarray, " h"]:
     """Select the hypotheses with a match that occurs in several frames.
+
+    Runs in NumPy, so JAX cannot trace it.
 
     Args:
         frame: (H,) frame of each hypothesis.
