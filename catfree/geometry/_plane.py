@@ -8,7 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, Real, UInt32
 
-from catfree.errors import InsufficientDataError, InvalidInputError, quoted
+from catfree.errors import (
+    DegenerateGeometryError,
+    InsufficientDataError,
+    InvalidInputError,
+    quoted,
+)
 from catfree.geometry._arrays import Scalar, as_flags, epsilon, float_arrays, require_vectors
 from catfree.types import Plane, Scene
 from catfree.types._annotations import HostOrDevice
@@ -16,6 +21,8 @@ from catfree.types._validation import as_count, is_traced, require_instance, req
 
 # A ray whose slope to the plane is below this many epsilons is parallel to it.
 PARALLEL_EPSILONS = 8.0
+# Points within this many epsilons of a line, relative to the largest coordinate, lie on it.
+LINE_EPSILONS = 4.0
 # Inliers of RANSAC lie within this share of the typical distance between two points: the same
 # share of the scene that the paper grants a ray (delta = 0.01 E).
 INLIER_SHARE = 0.01
@@ -180,10 +187,13 @@ def fit_plane_ransac(
             None for the mean of the points, which is above a ground that objects stand on.
 
     Returns:
-        PlaneFit. The same key and points moved by a similarity give the moved plane.
+        PlaneFit. The same key and points moved by a similarity give the moved plane. Under tracing,
+        points that leave the plane undetermined give one of the planes through them.
 
     Raises:
-        InsufficientDataError: if the array of points is empty.
+        InsufficientDataError: if the array of points is empty, or fewer than three concrete points
+            are used.
+        DegenerateGeometryError: if all concrete points that are used lie on a line.
         InvalidInputError: if an argument has another shape or value.
 
     Source: Fischler and Bolles (1981); Torr and Zisserman (2000) for the truncated score.
@@ -209,7 +219,25 @@ def fit_plane_ransac(
     used = jnp.ones(points.shape[0], bool) if where is None else as_flags(where, "where")
     require_shape(used, points.shape[:1], "where")
     used = used & jnp.all(jnp.isfinite(points), axis=1)
+    if not is_traced(points, used):
+        _require_determined(np.asarray(points, np.float64)[np.asarray(used)], epsilon(points.dtype))
     return _fit_plane_ransac(points, key, threshold, count, used, toward)
+
+
+def _require_determined(points: Float[np.ndarray, "n 3"], resolution: float) -> None:
+    """Raise unless these are three points or more that do not lie on a line."""
+    count = len(points)
+    if count < 3:
+        raise InsufficientDataError(
+            f"A plane needs 3 points, but {count} of them {'is' if count == 1 else 'are'} finite "
+            "and used."
+        )
+    spread = np.linalg.svd(points - points.mean(0), compute_uv=False) / np.sqrt(count)
+    if spread[1] <= LINE_EPSILONS * resolution * np.abs(points).max():
+        raise DegenerateGeometryError(
+            f"The {count} points leave the plane undetermined: they coincide or lie on one line. "
+            "Pass points that surround an area."
+        )
 
 
 @functools.partial(jax.jit, static_argnames="iterations")

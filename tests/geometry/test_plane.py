@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
 from catfree import Plane, geometry
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import DegenerateGeometryError, InsufficientDataError, InvalidInputError
 from catfree.geometry import Similarity
 
 points3 = hnp.arrays(np.float64, 3, elements=st.floats(-10, 10))
@@ -193,9 +193,11 @@ def test_ransac_ignores_points_that_are_masked_out():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 2, 3])
-def test_ransac_of_too_few_points_is_finite(count):
+def test_traced_ransac_of_too_few_points_is_finite(count):
     points = np.arange(12, dtype=np.float32).reshape(4, 3) ** 2
-    found = geometry.fit_plane_ransac(points, jax.random.key(0), where=np.arange(4) < count)
+    found = jax.jit(geometry.fit_plane_ransac)(
+        points, jax.random.key(0), where=np.arange(4) < count
+    )
     assert np.isfinite(found.plane.normal).all()
     assert np.isfinite(found.plane.offset)
     assert found.inliers.sum() <= count
@@ -234,6 +236,26 @@ def test_what_is_not_a_plane_is_told_so(function, arguments):
     unchecked = inspect.unwrap(function)  # bypass the tests' type checks
     with pytest.raises(InvalidInputError, match="plane must be a Plane, got NoneType"):
         unchecked(*arguments)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_ransac_of_fewer_than_three_points_is_one_error(count):
+    cloud = np.random.default_rng(0).normal(size=(9, 3))
+    holes = np.where((np.arange(9) < count)[:, None], cloud, np.nan)
+    for points, where in ((cloud[: count + 1], np.arange(count + 1) > 0), (holes, None)):
+        with pytest.raises(InsufficientDataError, match=f"needs 3 points, but {count} of them"):
+            geometry.fit_plane_ransac(points, jax.random.key(0), where=where)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@given(
+    hnp.arrays(np.float64, (2, 3), elements=st.floats(-1e3, 1e3)),
+    hnp.arrays(np.float64, st.integers(3, 40), elements=st.floats(-9, 9)),
+)
+def test_ransac_of_points_on_a_line_is_one_error(dtype, line, along):
+    points = (line[0] + along[:, None] * line[1]).astype(dtype)
+    with pytest.raises(DegenerateGeometryError, match=f"The {len(along)} points leave the plane"):
+        geometry.fit_plane_ransac(points, jax.random.key(0))
 
 
 def test_ransac_without_points_is_one_error():

@@ -13,7 +13,7 @@ from catfree.calibration.reconstructions._ground_evidence import (
     people_of,
     way_up,
 )
-from catfree.errors import GroundRejectedError, InsufficientDataError
+from catfree.errors import DegenerateGeometryError, GroundRejectedError, InsufficientDataError
 from catfree.geometry import fit_plane_ransac
 from catfree.geometry._buckets import padded, padded_length
 from catfree.types import Detections, Plane, Rig
@@ -74,7 +74,8 @@ def find_ground(
 
     Raises:
         InsufficientDataError: if there are fewer than three points or no registered camera.
-        GroundRejectedError: if no plane can be the ground, with the reason for each.
+        GroundRejectedError: if no plane can be the ground, with the reason for each, or all points
+            lie on a line.
 
     Source:
         Sec. "Camera configuration and ground estimation" of the paper.
@@ -105,7 +106,16 @@ def find_ground(
     remaining = local[sample]
     fewest = max(FEWEST_POINTS, SMALLEST_SHARE * len(sample))
     for key in jax.random.split(jax.random.key(seed), CANDIDATES):
-        largest = _largest_plane(remaining, key, tolerance)
+        try:
+            largest = _largest_plane(remaining, key, tolerance)
+        except DegenerateGeometryError as error:
+            if candidates:
+                break
+            raise GroundRejectedError(
+                f"The {int(usable.sum())} scene points coincide or lie on one line, which leaves "
+                "the ground undetermined; choose instants that show more of the floor, or pass a "
+                "Scene with a known ground."
+            ) from error
         distance = np.abs(np.asarray(largest.signed_distance(remaining)))
         share = float((distance <= tolerance).sum()) / len(sample)
         if len(candidates) and share * len(sample) < fewest:

@@ -158,6 +158,15 @@ def test_same_seed_same_ground(world):
     assert float(one.offset) == float(two.offset)
 
 
+def test_points_on_a_line_are_no_ground(world):
+    line = np.linspace(0, 1, 50)[:, None] * [5.0, 2, 0]
+    with pytest.raises(GroundRejectedError, match="50 scene points coincide or lie on one line"):
+        find_ground(line, world.true_rig)
+    wall = patch(np.random.default_rng(0), 500, (-12, -12, 0), (24, 0, 0), (0, 0, 8))
+    with pytest.raises(GroundRejectedError, match="None of 1 planes"):
+        find_ground(np.concatenate([wall, line]), world.true_rig)
+
+
 def test_too_little_is_refused(world):
     with pytest.raises(InsufficientDataError, match="got 2 points"):
         find_ground(np.zeros((2, 3)), world.true_rig)
