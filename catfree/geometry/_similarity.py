@@ -1,7 +1,7 @@
 """Similarity transforms: the gauge freedom of a reconstruction, and the fit that removes it."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,12 +15,14 @@ from catfree.geometry._plane import from_plan
 from catfree.types import GeoReference, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
 from catfree.types._scene import require_scene
-from catfree.types._validation import is_traced, require_instance, require_shape
+from catfree.types._validation import as_float, is_traced, require_instance, require_shape
 
 # A singular value below this share of the largest one is zero (rounding of float64 inputs).
 RANK_TOLERANCE = 1e-9
 # The same in units of the machine epsilon, for float32.
 RANK_EPSILONS = 8.0
+# Points that differ by fewer epsilons, relative to the largest coordinate, coincide.
+RESOLUTION_EPSILONS = 4.0
 
 
 class Similarity(eqx.Module):
@@ -113,6 +115,9 @@ def fit_similarity(
 ) -> Similarity:
     """Fit the least-squares similarity that maps points to their counterparts.
 
+    Concrete points are centered in float64 first. In single precision, rotation and scale are then
+    exact far from the origin too, but the translation is rounded.
+
     Args:
         source: (N, D) points in the source frame.
         target: (N, D) the same points in the target frame.
@@ -134,6 +139,7 @@ def fit_similarity(
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns".
     """
+    given = source, target, weights
     source, target, weights = float_arrays("weights", source=source, target=target, weights=weights)
     if source.ndim != 2 or source.shape != target.shape or source.shape[0] == 0:
         raise InvalidInputError(
@@ -148,12 +154,41 @@ def fit_similarity(
         )
     fixed = as_flags(fixed_scale, "fixed_scale")
     require_shape(fixed, (), "fixed_scale")
-    fitted, covariance, spread = _fit(source, target, weights, fixed)
+    origins = None
+    if not is_traced(*given):
+        source, target, origins = _centered(*given, source.dtype)
+    fitted, covariance, spread = _fit(source, target, weights, fixed, origins)
     if not is_traced(covariance, spread):
         _require_determined(
             np.asarray(covariance), bool(spread), int(np.sum(np.asarray(weights) > 0))
         )
     return fitted
+
+
+class _Origins(NamedTuple):
+    """Where centered points were, and the uncertainty of the source by rounding."""
+
+    source: Float[Array, " dim"]
+    target: Float[Array, " dim"]
+    resolution: Float[Array, ""]
+
+
+def _centered(
+    source: Any, target: Any, weights: Any, dtype: Any
+) -> tuple[Float[Array, "n dim"], Float[Array, "n dim"], _Origins]:
+    """Concrete points relative to their means, which are subtracted in float64, and the means."""
+    resolution = RESOLUTION_EPSILONS * epsilon(as_float(source).dtype)
+    source, target = np.asarray(source, np.float64), np.asarray(target, np.float64)
+    weights = np.ones(len(source)) if weights is None else np.asarray(weights, np.float64)
+    present = weights > 0  # false for NaN too
+    shares = weights[present] / (weights[present].sum() or 1)
+    source, target = (np.where(present[:, None], points, 0) for points in (source, target))
+    resolution *= np.abs(source).max()
+    with np.errstate(invalid="ignore", over="ignore"):  # infinite points are refused later
+        means = shares @ source[present], shares @ target[present]
+        centered = source - means[0], target - means[1]
+        source, target, *rest = (jnp.asarray(p, dtype) for p in (*centered, *means, resolution))
+    return source, target, _Origins(*rest)
 
 
 @jax.jit  # one compilation instead of one per operation
@@ -162,6 +197,7 @@ def _fit(
     target: Float[Array, "n dim"],
     weights: Float[Array, " n"],
     fixed_scale: Bool[Array, ""],
+    origins: _Origins | None,
 ) -> tuple[Similarity, Float[Array, "dim dim"], Bool[Array, ""]]:
     """The fitted similarity, the cross-covariance, and whether the points differ."""
     present = weights > 0  # false for NaN too
@@ -175,7 +211,10 @@ def _fit(
     covariance = jnp.einsum("n,ni,nj->ij", shares, target_offsets, source_offsets)
     variance = jnp.sum(shares[:, None] * source_offsets * source_offsets)
     # A smaller spread is due to rounding of coinciding points.
-    resolution = 4 * epsilon(source.dtype) * jnp.max(jnp.abs(source))
+    resolution = RESOLUTION_EPSILONS * epsilon(source.dtype) * jnp.max(jnp.abs(source))
+    if origins is not None:
+        source_mean, target_mean = source_mean + origins.source, target_mean + origins.target
+        resolution = origins.resolution
     spread = variance > jnp.maximum(resolution * resolution, tiny(source.dtype))
     rotation = nearest_rotation(covariance)
     scale = jnp.sum(rotation * covariance) / jnp.where(spread, variance, 1)

@@ -163,6 +163,20 @@ def test_reference_cases(x64, shared):
             )
 
 
+@given(st.integers(0, 9), st.floats(1e5, 1e7))
+def test_points_far_from_the_origin_turn_and_scale_as_near_ones_in_single_precision(seed, far):
+    rng = np.random.default_rng(seed)
+    cloud, turn = rng.normal(0, 5, (9, 3)), Rotation.random(random_state=seed).as_matrix()
+    absent = np.append(np.ones(8), 0)
+    cloud[8] = np.nan
+    found = geometry.fit_similarity(cloud + far, 2 * cloud @ turn.T - far, absent)
+    assert found.rotation.dtype == jnp.float32
+    np.testing.assert_allclose(found.rotation, turn, atol=2e-6)
+    np.testing.assert_allclose(found.scale, 2, rtol=2e-6)
+    center = np.asarray(found(cloud[:8].mean(0) + far)) - (2 * turn @ cloud[:8].mean(0) - far)
+    assert np.abs(center).max() < 1e-5 * far  # what float32 can hold
+
+
 DEGENERATE = {
     "collinear": np.outer(np.arange(4.0), [1, 2, 3]),
     "coincident": np.full((4, 3), 1e4),
