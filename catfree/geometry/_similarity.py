@@ -14,8 +14,16 @@ from catfree.geometry._arrays import as_flags, epsilon, float_arrays, tiny
 from catfree.geometry._plane import from_plan
 from catfree.types import GeoReference, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
+from catfree.types._rig import require_rotations
 from catfree.types._scene import require_scene
-from catfree.types._validation import as_float, is_traced, require_instance, require_shape
+from catfree.types._validation import (
+    as_count,
+    as_float,
+    is_traced,
+    require_finite,
+    require_instance,
+    require_shape,
+)
 
 # A singular value below this share of the largest one is zero (rounding of float64 inputs).
 RANK_TOLERANCE = 1e-9
@@ -45,7 +53,8 @@ class Similarity(eqx.Module):
         """Store as JAX arrays of one dtype.
 
         Raises:
-            InvalidInputError: if shapes do not fit, or the scale is a number that is not positive.
+            InvalidInputError: if shapes do not fit, or concrete numbers are no positive finite
+                scale, no proper rotation or no finite translation.
         """
         self.scale, self.rotation, self.translation = float_arrays(
             scale=scale, rotation=rotation, translation=translation
@@ -57,11 +66,15 @@ class Similarity(eqx.Module):
                 "A similarity needs a number as scale, a rotation (D, D) and a translation (D,); "
                 f"the shapes are {', '.join(map(str, shapes))}."
             )
-        if not is_traced(self.scale) and not np.all(np.asarray(self.scale) > 0):
+        if not is_traced(self.scale) and not 0 < float(self.scale) < np.inf:
             raise InvalidInputError(
-                f"The scale of a similarity is {self.scale}; it must be positive. A mirrored frame "
-                "is not similar: flip one of its axes first."
+                f"The scale of a similarity is {self.scale}; it must be positive and finite. A "
+                "mirrored frame is not similar: flip one of its axes first."
             )
+        if not is_traced(self.rotation):
+            require_rotations(self.rotation, "rotation")
+        if not is_traced(self.translation):
+            require_finite(self.translation, "translation")
 
     def __call__(self, points: Real[HostOrDevice, "*batch dim"]) -> Float[Array, "*batch dim"]:
         """Move points (..., D) from the source frame to the target frame.
@@ -102,8 +115,13 @@ class Similarity(eqx.Module):
 
     @classmethod
     def identity(cls, dimension: int = 3) -> "Similarity":
-        """Return the identity transform."""
-        return cls(1.0, np.eye(dimension), np.zeros(dimension))
+        """Return the identity transform.
+
+        Raises:
+            InvalidInputError: if the dimension is not a whole number, 1 or more.
+        """
+        size = as_count(dimension, "dimension", least=1)
+        return cls(1.0, np.eye(size), np.zeros(size))
 
 
 def fit_similarity(

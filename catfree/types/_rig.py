@@ -228,15 +228,25 @@ def require_cameras(K: Any, R: Any, registered: Bool[np.ndarray, " cam"]) -> Non
             f"{entry_of('K', form_bad)} is not of the form [[fx, s, cx], [0, fy, cy], "
             "[0, 0, 1]]. Divide by K[2, 2], and check that it is not transposed."
         )
+    require_rotations(R, "R", registered)
+
+
+def require_rotations(R: Any, name: str, where: Any = True) -> None:
+    """Raise unless these matrices (..., D, D) are proper rotations where `where` (...) is true.
+
+    Raises:
+        InvalidInputError: naming the first that is none.
+    """
+    R = np.asarray(R, np.float64)
     with np.errstate(invalid="ignore", over="ignore"):
-        error = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
+        error = np.abs(R @ R.swapaxes(-1, -2) - np.eye(R.shape[-1])).max((-1, -2), initial=0)
         turn = np.linalg.det(R)
-    rotation_bad = registered & ~((error < ROTATION_TOLERANCE) & (turn > 0))
-    if rotation_bad.any():
-        at = int(np.argmax(rotation_bad))
+    bad = np.asarray(where & ~((error < ROTATION_TOLERANCE) & (turn > 0)))
+    if bad.any():
+        at = tuple(np.argwhere(bad)[0])
         raise InvalidInputError(
-            f"R[{at}] is not a rotation (|R Rᵀ - I| = {error[at]:.3g}, det = {turn[at]:.3g}). A "
-            "determinant of -1 means a mirrored frame: flip one world axis."
+            f"{entry_of(name, bad)} is not a rotation (|R Rᵀ - I| = {error[at]:.3g}, det = "
+            f"{turn[at]:.3g}). A determinant of -1 means a mirrored frame: flip one world axis."
         )
 
 

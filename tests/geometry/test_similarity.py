@@ -321,10 +321,29 @@ def test_the_fit_says_that_points_are_not_finite():
         geometry.fit_similarity(points, points)
 
 
-@pytest.mark.parametrize("scale", [-1.0, 0.0, np.nan])
+@pytest.mark.parametrize("scale", [-1.0, 0.0, np.nan, np.inf])
 def test_a_scale_is_positive(scale):
     with pytest.raises(InvalidInputError, match=f"scale of a similarity is {scale}"):
         Similarity(scale, np.eye(3), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [3 * np.eye(3), np.eye(3) + np.eye(3, k=1), np.diag([1.0, 1, -1]), np.full((3, 3), np.nan)],
+    ids=["scaled", "sheared", "mirrored", "NaN"],
+)
+def test_a_rotation_is_proper_unless_traced(matrix):
+    with pytest.raises(InvalidInputError, match="rotation is not a rotation"):
+        Similarity(1.0, matrix, np.zeros(3))
+    moved = jax.jit(lambda m: Similarity(1.0, m, jnp.zeros(3))(jnp.ones(3)))(matrix)
+    np.testing.assert_allclose(moved, matrix.sum(1))
+
+
+def test_a_translation_is_finite_and_a_dimension_positive():
+    with pytest.raises(InvalidInputError, match=r"translation\[1\] is not finite"):
+        Similarity(1.0, np.eye(2), np.array([0, np.nan]))
+    with pytest.raises(InvalidInputError, match="dimension is -1; it must be 1 or more"):
+        Similarity.identity(-1)
 
 
 @pytest.mark.parametrize(
