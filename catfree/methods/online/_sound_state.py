@@ -24,7 +24,7 @@ _POSITIVE = ("unit", "step", "edge", "angular", "spread", "density")
 _SLACK = 1.2  # squared correlations may exceed 1 by rounding
 _LEAST = {"support": -1, "group": -1, "spacing": 1} | dict.fromkeys(
     (
-        *("count", "tracks", "names", "name", "track", "gap", "boxes"),
+        *("scene", "count", "tracks", "names", "name", "track", "gap", "boxes"),
         *("heights", "trials", "hits", "clutter", "steps", "habits", "place"),
     ),
     0,

@@ -22,7 +22,13 @@ from catfree.methods.online._finalize import (
     with_identities,
 )
 from catfree.methods.online._learn import add_to_sample, is_due, learn_noise_and_unit, learn_step
-from catfree.methods.online._tracker_state import TICKS, TrackerState, new_state, no_boxes
+from catfree.methods.online._tracker_state import (
+    TICKS,
+    TrackerState,
+    fingerprint_of,
+    new_state,
+    no_boxes,
+)
 from catfree.methods.online._update import Update
 from catfree.settings import Settings
 from catfree.types import Clock, Detections, Scene, Tracks
@@ -170,7 +176,8 @@ class Tracker:
                 day of the same cameras; identity numbers continue. Otherwise everything is
                 forgotten.
         """
-        fresh = new_state(self.scene.rig.camera_count, self.settings.evidence)
+        scene = self.scene
+        fresh = new_state(scene.rig.camera_count, self.settings.evidence, fingerprint_of(scene))
         if keep_learned:
             kept = ("count", "learned", "sample", "missing", "spacing", "names")
             fresh = replace(fresh, **{name: getattr(self._state, name) for name in kept})
@@ -181,8 +188,8 @@ class Tracker:
         """Everything that the tracker remembers, unaffected by later calls; set it to continue.
 
         Raises:
-            InvalidInputError: on setting the state of a tracker with another number of cameras, or
-                if one lag is infinite and the other is not.
+            InvalidInputError: on setting the state of a tracker with other cameras or another
+                ground, or if one lag is infinite and the other is not.
         """
         return self._state
 
@@ -194,6 +201,11 @@ class Tracker:
             raise InvalidInputError(
                 f"The state is that of {cameras} cameras, but the scene has {count}. Set the state "
                 "of a tracker of the same scene."
+            )
+        if state.scene != fingerprint_of(self.scene):
+            raise InvalidInputError(
+                "The state is that of a tracker of another scene: its cameras or its ground "
+                "differ. Set the state of a tracker of the same scene, or start a new tracker."
             )
         if state.time > -math.inf and (self.lag == math.inf) != bool(state.recording):
             raise InvalidInputError(

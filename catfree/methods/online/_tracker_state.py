@@ -1,5 +1,6 @@
 """The state of a `Tracker`."""
 
+import hashlib
 import os
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
@@ -16,7 +17,7 @@ from catfree.methods.evidence.track._pasts import Pasts, SeenPositions, no_pasts
 from catfree.methods.evidence.track._tracking import Node
 from catfree.methods.online._sound_state import require_sound_arrays
 from catfree.settings import EvidenceSettings
-from catfree.types import Clock, Detections
+from catfree.types import Clock, Detections, Scene
 from catfree.types._archive import load_arrays, save_arrays
 from catfree.types._validation import as_count
 
@@ -98,6 +99,7 @@ class TrackerState:
     With an infinite lag it does grow, because all boxes are kept until the end.
 
     Attributes:
+        scene: () fingerprint of cameras and ground (`fingerprint_of`).
         count: () instants so far; `time`: () seconds of the last, minus infinity before the first.
         finished: () whether `finish` was called.
         learned: what is known about cameras and people.
@@ -116,6 +118,7 @@ class TrackerState:
         silent: (P, 2) missing pictures of all instants, likewise.
     """
 
+    scene: Int[np.ndarray, ""]
     count: Int[np.ndarray, ""]
     time: Float[np.ndarray, ""]
     finished: Bool[np.ndarray, ""]
@@ -182,7 +185,7 @@ def _state_of(arrays: dict[str, np.ndarray]) -> TrackerState:
         if count != len(indices):
             raise InvalidInputError(f"{name} is {count}, but the file holds {len(indices)}.")
     empty = replace(
-        new_state(0, EvidenceSettings()),
+        new_state(0, EvidenceSettings(), 0),
         window=(_no_instant(0),) * window,
         recording=(no_boxes(),) * recording,
     )
@@ -221,11 +224,21 @@ def no_boxes() -> Detections:
     return Detections(none, none, np.zeros((0, 4)))
 
 
-def new_state(cameras: int, settings: EvidenceSettings) -> TrackerState:
-    """Return the state before any instant."""
+def fingerprint_of(scene: Scene) -> int:
+    """Return 48 bits of the SHA-256 of a scene's cameras and ground, exact as a float."""
+    digest = hashlib.sha256()
+    for place, leaf in jax.tree_util.tree_flatten_with_path((scene.rig, scene.ground))[0]:
+        digest.update(f"{jax.tree_util.keystr(place)} {np.shape(leaf)}".encode())
+        digest.update(np.asarray(leaf, np.float64).tobytes())
+    return int.from_bytes(digest.digest()[:6], "big")
+
+
+def new_state(cameras: int, settings: EvidenceSettings, scene: int) -> TrackerState:
+    """Return the state before any instant; `scene` is from `fingerprint_of`."""
     nan = np.array(np.nan)
     shape = (cameras, 3, 5)
     return TrackerState(
+        scene=np.array(scene),
         count=np.array(0),
         time=np.array(-np.inf),
         finished=np.array(False),

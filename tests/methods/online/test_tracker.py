@@ -269,6 +269,11 @@ def test_what_makes_no_sense_is_refused(tmp_path):
         tracker.update(boxes_of(0), 2.0, cameras=[])
     with pytest.raises(InvalidInputError, match="cameras"):
         tracker.state = cf.Tracker(walk(rig=SCENE.rig.select([0, 1, 2]))[2]).state
+    lower = cf.Plane(SCENE.ground.normal, SCENE.ground.offset + 0.1)
+    turned = SCENE.rig.select(np.roll(np.arange(CAMERAS), 1))
+    for rig, ground in ((SCENE.rig, lower), (turned, SCENE.ground)):
+        with pytest.raises(InvalidInputError, match="another scene: its cameras or its ground"):
+            tracker.state = cf.Tracker(cf.Scene(rig, ground, SCENE.extent)).state
     DETECTIONS.save(tmp_path / "boxes.npz")
     with pytest.raises(FileFormatError):
         cf.TrackerState.load(tmp_path / "boxes.npz")
