@@ -141,9 +141,9 @@ def run(
         reconstructor: finds the cameras from the images of one instant; they are then adjusted to
             the people, as `refine` does.
         scene: known cameras and ground: a `Scene`, an object with an attribute `scene` (the result
-            of `calibrate`, `refine` or an earlier run), or a file or folder that `read_scene`
-            reads. Without scene and reconstructor, both are found from the people in the videos
-            (`calibrate`), in meters.
+            of `calibrate`, `refine`, an earlier run or a reader of calibration files), or a file
+            or folder that `read_scene` reads. Without scene and reconstructor, both are found from
+            the people in the videos (`calibrate`), in meters.
         settings: settings of calibration and localization; None for `Settings()`. The calibration
             uses the detector's `box_slack`, if it has one and the settings keep the default, and
             boxes with a score of at least `calibration_confidence`.

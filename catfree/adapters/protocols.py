@@ -176,6 +176,7 @@ class RaySource(Protocol):
 class SceneSource(Protocol):
     """Anything with a scene, such as the results of `cf.calibrate`, `cf.refine`, `cf.run_stages`.
 
+    Readers of calibration files give one too, a `NamedRig`, whose scene has the ground z = 0.
     `cf.run` takes it in place of a `Scene`, and likewise a data set (`MultiViewSequence`).
     """
 

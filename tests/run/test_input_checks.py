@@ -20,7 +20,13 @@ from catfree._run._input_checks import (
 )
 from catfree._run._result_folder import write_rig
 from catfree._run._run import run_stages
-from catfree.adapters import SceneSource, SynchronizedVideos, read_scene, write_scene_json
+from catfree.adapters import (
+    NamedRig,
+    SceneSource,
+    SynchronizedVideos,
+    read_scene,
+    write_scene_json,
+)
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.video import _video_sources
 from catfree.calibration import Refinement, remove_offsets
@@ -261,6 +267,12 @@ def test_a_scene_comes_from_whatever_has_one(tmp_path):
     scene = make_layout("ring4", 0).scene
     refined = Refinement(scene, np.zeros(1), 0, np.zeros(1, int))
     assert isinstance(refined, SceneSource)
+    named_rig = NamedRig(scene.rig, ("a", "b", "c", "d"))
+    assert isinstance(named_rig, SceneSource)
+    found, names = scene_of(named_rig, None)
+    assert found is not None
+    assert (found.rig, names) == (scene.rig, named_rig.names)
+    np.testing.assert_array_equal(found.ground.normal, [0, 0, 1])
     assert scene_of(None, None) == (None, None)
     assert scene_of(scene, ["a"]) == (scene, ["a"])
     assert scene_of(refined, None) == (scene, None)

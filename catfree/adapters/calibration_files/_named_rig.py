@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from catfree.adapters.files._camera_names import file_names, numbered_names
 from catfree.adapters.files._documents import StrPath, numbers, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError, quoted
-from catfree.types import Lens, Rig
+from catfree.types import Lens, Plane, Rig, Scene
 from catfree.types._validation import (
     as_integer,
     refuse,
@@ -180,6 +180,61 @@ class NamedRig:
     def __post_init__(self) -> None:
         """Raise InvalidInputError if the names do not match the cameras; see `default_names`."""
         default_names(self.rig, self.names)
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """(C,) the names, as of other sources of a scene."""
+        return self.names
+
+    @property
+    def scene(self) -> Scene:
+        """The cameras over the ground z = 0, in units of unknown length; `read_scene` takes others.
+
+        Raises:
+            InvalidInputError: if z = 0 cannot be the ground, or fewer than 2 cameras are
+                registered.
+        """
+        return Scene.from_rig(self.rig, ground_at_zero(self.rig, "The calibration"))
+
+
+def ground_at_zero(rig: Rig, source: Path | str) -> Plane:
+    """Return the ground z = 0 with the cameras on its positive side.
+
+    Raises:
+        InvalidInputError: naming the source, if most cameras do not look down on it.
+    """
+    heights = np.asarray(rig.centers)[rig.registered, 2]
+    # Boards that lie on the floor often have their z axis pointing into it.
+    up = -1.0 if len(heights) and np.median(heights) < 0 else 1.0
+    ground = Plane(np.array([0.0, 0.0, up]), 0.0)
+    _require_sight_of(rig, ground, source)
+    return ground
+
+
+def _require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
+    """Raise unless most cameras are above a ground and look at it with the bottom of their images.
+
+    Raises:
+        InvalidInputError: naming the source.
+    """
+    cameras = np.flatnonzero(rig.registered)
+    K, R, center = (np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.centers))
+    size = np.asarray(rig.image_size, np.float64)
+    bottom = np.stack([size[:, 0] / 2, size[:, 1], np.ones(len(size))], axis=-1)
+    with np.errstate(all="ignore"):  # a camera whose numbers overflow sees nothing
+        sees = [
+            ground.signed_distance(center[c]) > 0
+            and (R[c].T @ np.linalg.solve(K[c], bottom[c])) @ np.asarray(ground.normal) < 0
+            for c in cameras
+        ]
+    if 2 * sum(sees) <= len(cameras):
+        raise InvalidInputError(
+            f"{source} does not state the ground, and it is not z = 0: only {sum(sees)} of "
+            f"{len(cameras)} cameras are above it and look down on it. Pass ground= to "
+            "cf.read_scene, the plane in the frame of the file, or make the scene with "
+            "cf.Scene.from_rig; cf.calibration.find_ground finds the plane in points of a "
+            "reconstruction."
+        )
 
 
 def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:

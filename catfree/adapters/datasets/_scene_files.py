@@ -10,7 +10,11 @@ import numpy as np
 
 from catfree.adapters.calibration_files._ai_city import read_ai_city
 from catfree.adapters.calibration_files._anipose_toml import read_anipose_toml
-from catfree.adapters.calibration_files._named_rig import NamedRig, require_stated_sizes
+from catfree.adapters.calibration_files._named_rig import (
+    NamedRig,
+    ground_at_zero,
+    require_stated_sizes,
+)
 from catfree.adapters.calibration_files._opencv_yaml import read_opencv_yaml
 from catfree.adapters.calibration_files._projection_matrices import PROJECTION, read_mv3dt
 from catfree.adapters.calibration_files._rig_json import read_rig_json, read_scene_json
@@ -21,7 +25,7 @@ from catfree.adapters.datasets._wildtrack import read_wildtrack
 from catfree.adapters.files._camera_names import files_ending
 from catfree.adapters.files._documents import StrPath, naming_file, read_json, read_text
 from catfree.errors import FileFormatError, InvalidInputError, quoted
-from catfree.types import Plane, Rig, Scene
+from catfree.types import Plane, Scene
 from catfree.types._validation import as_path, as_paths, require_instance
 
 Unit = Literal["m", "cm", "mm", "ft", "arbitrary"]
@@ -97,41 +101,12 @@ def read_scene(
         return replace(other, rig_sd=scene.rig_sd), names
     scale = METERS[unit]
     if ground is None:
-        heights = np.asarray(rig.centers)[rig.registered, 2]
-        # Boards that lie on the floor often have their z axis pointing into it.
-        up = -1.0 if len(heights) and np.median(heights) < 0 else 1.0
-        ground = Plane(np.array([0.0, 0.0, up]), 0.0)
-        require_sight_of(rig, ground, source)
+        ground = ground_at_zero(rig, source)
     plane = Plane(np.asarray(ground.normal), np.asarray(ground.offset) * scale)
     scaled = replace(rig, t=np.asarray(rig.t) * scale) if scale != 1 else rig
     with naming_file(source):
         scene = Scene.from_rig(scaled, plane, metric=unit != "arbitrary")
     return scene, names
-
-
-def require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
-    """Raise unless most cameras are above a ground and look at it with the bottom of their images.
-
-    Raises:
-        InvalidInputError: naming the source.
-    """
-    cameras = np.flatnonzero(rig.registered)
-    K, R, center = (np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.centers))
-    size = np.asarray(rig.image_size, np.float64)
-    bottom = np.stack([size[:, 0] / 2, size[:, 1], np.ones(len(size))], axis=-1)
-    with np.errstate(all="ignore"):  # a camera whose numbers overflow sees nothing
-        sees = [
-            ground.signed_distance(center[c]) > 0
-            and (R[c].T @ np.linalg.solve(K[c], bottom[c])) @ np.asarray(ground.normal) < 0
-            for c in cameras
-        ]
-    if 2 * sum(sees) <= len(cameras):
-        raise InvalidInputError(
-            f"{source} does not state the ground, and it is not z = 0: only {sum(sees)} of "
-            f"{len(cameras)} cameras are above it and look down on it. Pass ground=, the plane in "
-            "the frame of the file; cf.calibration.find_ground finds it in points of a "
-            "reconstruction."
-        )
 
 
 def _inside(source: Path) -> Path:
