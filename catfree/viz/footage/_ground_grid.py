@@ -24,6 +24,7 @@ from catfree.viz.footage._drawing import (
 
 LINES_PER_EXTENT = 16  # default spacing: the round number below E / 16, 1 m on a usual square
 LABEL_EVERY = 5  # lines
+MOST_LINES = 1000  # more would cover the picture
 SAMPLES = 8  # points per cell along a line, to follow lens distortion
 LINE_COLOR: Color = (235, 235, 235)
 X_COLOR: Color = (213, 94, 0)  # the line y = 0
@@ -83,7 +84,8 @@ def draw_ground_grid(
 
     Raises:
         InvalidInputError: if the image is not uint8 RGB or of another size than the camera, the
-            camera is not registered, or the area or the spacing is not positive.
+            camera is not registered, the area or the spacing is not positive, or there are more
+            than 1000 lines.
     """
     image, camera = as_image(image), as_count(camera, "camera")
     require_scene(scene)
@@ -98,6 +100,13 @@ def draw_ground_grid(
     step = as_positive(spacing, "spacing")
     thick = default_stroke(image)
     bounds = visible_area(scene) if area is None else as_area(area)
+    count = (bounds[1] - bounds[0] + bounds[3] - bounds[2]) / step
+    if not count <= MOST_LINES:
+        raise InvalidInputError(
+            f"An area of {bounds[1] - bounds[0]:.4g} x {bounds[3] - bounds[2]:.4g} has {count:.3g} "
+            f"lines at a spacing of {step:.4g}; draw at most {MOST_LINES}. Pass a larger spacing "
+            "or a smaller area."
+        )
     canvas, size = image.copy(), (image.shape[1], image.shape[0])
     lines = ground_grid(bounds, step)
     # Axes last, on top of the plain lines.

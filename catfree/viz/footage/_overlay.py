@@ -67,7 +67,7 @@ def draw_frame(
         localization: the result of `cf.localize` for them.
         scene: the scene used for it.
         person_height: height of the posts in scene units; None for the median of the people seen.
-        stroke: line thickness in pixels; None for a default by image size.
+        stroke: line thickness in pixels, at most H; None for a default by image size.
         blur: make everybody with a box or a position in the frame unrecognizable. Undetected people
             stay visible.
 
@@ -90,6 +90,11 @@ def draw_frame(
         person_height = estimate_person_height(detections, localization, scene)
     height = as_number(person_height, "person_height")
     thick = default_stroke(image) if stroke is None else as_positive(stroke, "stroke")
+    if thick > image.shape[0]:
+        raise InvalidInputError(
+            f"stroke is {thick:g}; lines can be at most as thick as the image is high, "
+            f"{image.shape[0]} pixels."
+        )
     canvas = image.copy()
     if blur:
         people = people_regions(camera, frame, detections, localization, scene, height)

@@ -14,6 +14,7 @@ from catfree.types._validation import (
     as_count,
     as_integer,
     as_number,
+    is_listed,
     require_instance,
 )
 from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
@@ -38,7 +39,7 @@ def plot_bird_eye(
     ax: "Axes | None" = None,
     ground_truth: Any = None,
     area: Any = None,
-    frames: Iterable[int | np.integer] | None = None,
+    frames: Iterable[int | np.integer] | int | np.integer | None = None,
     camera_names: Sequence[str] | None = None,
     confidence: float = 0.95,
     detail_limit: int = 60,
@@ -57,7 +58,7 @@ def plot_bird_eye(
         ground_truth: (N, 4) rows [frame, id, x, y] in the ground coordinates of the scene, or None.
         area: (x_min, x_max, y_min, y_max) to outline with a dashed line, such as the evaluation
             area, or a mapping with the pairs `x` and `y`, or None.
-        frames: the frames to draw; None for all.
+        frames: the frames to draw, or one frame; None for all.
         camera_names: (C,) labels of the cameras; None for C1, C2, ...
         confidence: probability of the ellipses.
         detail_limit: the number of longest tracks drawn with identity, ellipse and added positions;
@@ -80,7 +81,8 @@ def plot_bird_eye(
     tracks = localization.tracks
     truth = as_rows([] if ground_truth is None else ground_truth, "ground_truth")
     if frames is not None:
-        chosen = as_integer(list(frames), "frames")
+        listed: Any = frames
+        chosen = as_integer(list(listed) if is_listed(listed) else listed, "frames")
         tracks = tracks[np.isin(tracks.frame, chosen)]
         truth = truth[np.isin(truth[:, 0], chosen)]
 

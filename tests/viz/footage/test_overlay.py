@@ -229,12 +229,24 @@ def test_what_cannot_be_drawn_is_named(world, localization):
         (lambda: draw(GREY, 0, 0, boxes, localization, None), "scene must be a Scene"),
         (lambda: draw(GREY, 0, 0, boxes, localization, scene, stroke=np.nan), "stroke is nan"),
         (
+            lambda: draw(GREY, 0, 0, boxes, localization, scene, stroke=len(GREY) + 1),
+            f"stroke is {len(GREY) + 1}; lines can be at most",
+        ),
+        (
             lambda: draw(GREY, 0, 0, boxes, localization, scene, person_height="tall"),
             "person_height is 'tall'; it must be a finite number",
         ),
     ):
         with pytest.raises(InvalidInputError, match=message):
             use()
+
+
+@pytest.mark.parametrize(
+    ("area", "spacing"), [(None, 1e-9), ((-1e9, 1e9, -1e9, 1e9), None), ((0, 1, 0, 1), 1 / 501)]
+)
+def test_too_many_grid_lines_are_refused(world, area, spacing):
+    with pytest.raises(InvalidInputError, match=r"lines at a spacing of .*; draw at most 1000"):
+        draw_ground_grid(GREY, world.true_scene, 1, area=area, spacing=spacing)
 
 
 def test_grid_lines_project_where_opencv_says(world):
