@@ -112,9 +112,9 @@ def find_ground(
             if candidates:
                 break
             raise GroundRejectedError(
-                f"The {int(usable.sum())} scene points coincide or lie on one line, which leaves "
-                "the ground undetermined; choose instants that show more of the floor, or pass a "
-                "Scene with a known ground."
+                f"No plane can be the ground: the {int(usable.sum())} scene points coincide or lie "
+                "on one line; choose instants that show more of the floor, or pass a Scene with a "
+                "known ground."
             ) from error
         distance = np.abs(np.asarray(largest.signed_distance(remaining)))
         share = float((distance <= tolerance).sum()) / len(sample)
