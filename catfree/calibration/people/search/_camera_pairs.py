@@ -3,18 +3,16 @@
 from itertools import combinations, product
 
 import numpy as np
-from jaxtyping import Float
 
 from catfree.calibration.people.cameras._camera_model import usual_focal
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState
-from catfree.calibration.people.matching._placement import Placement, vote
+from catfree.calibration.people.matching._placement import vote
 from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.types._annotations import Progress
 
 PLACEMENTS_PER_VOTE = 3  # most likely placements per pair of planes
-SHORTLIST = 30  # placements of a pair to judge
 
 
 def rank_pairs(work: Workspace, report: Progress) -> list[tuple[int, int]]:
@@ -55,13 +53,7 @@ def search_pair(work: Workspace, one: int, two: int) -> RigState | None:
     """
     settings = work.settings
     longest = work.grid.size.max(1)
-    found: list[tuple[float, Placement, np.ndarray, np.ndarray]] = []
-
-    def pair(p: Float[np.ndarray, "7"], q: Float[np.ndarray, "7"]) -> RigState:
-        parameters = np.full((work.grid.camera_count, 7), np.nan)
-        parameters[[one, two]] = p, q
-        return RigState(parameters, RANGE_ERRORS[0])
-
+    states: list[RigState] = []
     for share in settings.focal_shares:
         targets, sources = (
             [
@@ -71,10 +63,10 @@ def search_pair(work: Workspace, one: int, two: int) -> RigState | None:
             for c in (one, two)
         )
         for (p, target), (q, source) in product(targets, sources):
-            votes = vote(target, source, settings, PLACEMENTS_PER_VOTE)
-            found += [(score, placement, p, q) for score, placement in votes]
-    likeliest = sorted(found, key=lambda item: -item[0])[:SHORTLIST]
-    states = [pair(p, placement.place(q)) for _, placement, p, q in likeliest]
+            for _, placement in vote(target, source, settings, PLACEMENTS_PER_VOTE):
+                parameters = np.full((work.grid.camera_count, 7), np.nan)
+                parameters[[one, two]] = p, placement.place(q)
+                states.append(RigState(parameters, RANGE_ERRORS[0]))
     margins = [judge_camera(work, work.scoring, state, two).margin for state in states]
-    best = max(zip(margins, states, strict=True), key=lambda item: item[0], default=None)
-    return None if best is None or best[0] <= 0 else best[1]
+    best = int(np.argmax([0.0, *margins]))
+    return states[best - 1] if best else None
