@@ -59,7 +59,6 @@ class CalibrationSettings(CheckedSettings):
         minimum_margin: natural-log evidence by which an accepted camera must exceed every shifted
             time.
         minimum_match_margin: the same per match.
-        minimum_matches: matches that an accepted camera must reach.
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
         strained_residual: ratio of a camera's residual to the usual one above which the camera is
@@ -184,7 +183,6 @@ class CalibrationSettings(CheckedSettings):
     minimum_frames: int = constant(
         20, "decision", "fewer frames cannot be distinguished from chance"
     )
-    minimum_matches: int = constant(15, "decision", "twice as many as a camera has parameters")
     minimum_association: float = constant(
         0.5,
         "decision",

@@ -23,6 +23,7 @@ LEAST_SCORE = 0.4  # of the best score; lower placements are not considered
 BINS_PER_PLACEMENT = 50  # considered for each distinct placement
 VOTES_AT_A_TIME = 2**16  # fits a cache
 LONGEST_ABSENCE = 3  # voting frames; after more, a pair in the same places is a new stay
+CANDIDATES = 4  # placements of a vote to compare by their evidence
 NEAREST_PEOPLE = 24  # people per frame that vote, those with the most precise positions
 
 

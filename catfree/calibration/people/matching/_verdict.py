@@ -129,8 +129,6 @@ def _shortcomings(
     """List the criteria that a camera fails, as text."""
     needed = max(settings.minimum_margin, settings.minimum_match_margin * matches)
     reasons = []
-    if not matches > settings.minimum_matches:
-        reasons.append(f"{matches} matches, more than {settings.minimum_matches} needed")
     if not association > settings.minimum_association:
         reasons.append(
             f"matches {100 * association:.0f} % of the people that it shares with the "

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from catfree.calibration.people._box_grid import BoxGrid, grid_boxes
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_camera
-from catfree.calibration.people.cameras._single_view import fit_planes
+from catfree.calibration.people.cameras._single_view import FEWEST_BOXES, fit_planes
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
@@ -31,7 +31,7 @@ class Workspace:
 
     def __init__(self, grid: BoxGrid, settings: CalibrationSettings, lenses: RadialLenses) -> None:
         self.grid, self.settings, self.lenses = grid, settings, lenses
-        self.useful = grid.valid.sum((1, 2)) > settings.minimum_matches
+        self.useful = grid.valid.sum((1, 2)) >= FEWEST_BOXES
         tall = np.where(grid.valid, grid.box[..., 2] - grid.box[..., 1], np.nan)
         shown = np.flatnonzero(grid.valid.any((1, 2)))
         self.smallest = np.full(grid.camera_count, np.inf)
@@ -82,8 +82,8 @@ def prepare(
         boxes = enumerate(grid.valid.sum((1, 2)).tolist())
         counts = ", ".join(f"{shown_camera(c, camera_names)}: {count}" for c, count in boxes)
         raise CalibrationError(
-            f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
-            f"boxes inside the image each, but has {seeing} ({counts or 'no cameras'})."
+            f"Calibration from people needs 2 cameras with at least {FEWEST_BOXES} boxes "
+            f"inside the image each, but has {seeing} ({counts or 'no cameras'})."
         )
     if grid.frame_count < settings.minimum_frames:
         raise CalibrationError(

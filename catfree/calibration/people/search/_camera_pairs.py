@@ -7,12 +7,10 @@ import numpy as np
 from catfree.calibration.people.cameras._camera_model import usual_focal
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS
 from catfree.calibration.people.matching._group_people import RigState
-from catfree.calibration.people.matching._placement import vote
+from catfree.calibration.people.matching._placement import CANDIDATES, vote
 from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.types._annotations import Progress
-
-PLACEMENTS_PER_VOTE = 3  # most likely placements per pair of planes
 
 
 def rank_pairs(work: Workspace, report: Progress) -> list[tuple[int, int]]:
@@ -63,7 +61,7 @@ def search_pair(work: Workspace, one: int, two: int) -> RigState | None:
             for c in (one, two)
         )
         for (p, target), (q, source) in product(targets, sources):
-            for _, placement in vote(target, source, settings, PLACEMENTS_PER_VOTE):
+            for _, placement in vote(target, source, settings, CANDIDATES):
                 parameters = np.full((work.grid.camera_count, 7), np.nan)
                 parameters[[one, two]] = p, placement.place(q)
                 states.append(RigState(parameters, RANGE_ERRORS[0]))

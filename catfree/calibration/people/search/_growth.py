@@ -13,7 +13,7 @@ from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import RANGE_ERRORS, GroundMap, map_camera
 from catfree.calibration.people.matching._group_people import RigState, group_people
-from catfree.calibration.people.matching._placement import Placement, vote
+from catfree.calibration.people.matching._placement import CANDIDATES, Placement, vote
 from catfree.calibration.people.matching._verdict import (
     PlacementVerdict,
     judge_camera,
@@ -22,7 +22,6 @@ from catfree.calibration.people.matching._verdict import (
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
 
-CANDIDATES = 4  # placements refined per camera, and searched for on each of its planes
 CHANCE_SHARES = (0.25, 0.5, 0.75)  # of the sequence; shifts of time that leave only chance
 
 

@@ -18,11 +18,10 @@ def verdict(matches: int, association: float, margin: float) -> PlacementVerdict
 @pytest.mark.parametrize(
     ("case", "words"),
     [
-        ((15, 0.9, 80.0), ["15 matches, more than 15 needed"]),
         ((60, 0.3, 80.0), ["30 % of the people"]),
         ((60, 0.9, 20.0), ["evidence 20 above chance, more than 25 needed"]),
         ((600, 0.9, 50.0), ["evidence 50 above chance, more than 60 needed"]),
-        ((3, 0.1, -5.0), ["3 matches", "10 %", "evidence -5"]),
+        ((3, 0.1, -5.0), ["10 %", "evidence -5"]),
         ((60, 0.9, np.nan), ["evidence nan"]),
     ],
 )
@@ -35,7 +34,7 @@ def test_a_refusal_names_every_criterion_that_fails(case, words):
 
 
 @given(
-    st.integers(16, 300),
+    st.integers(0, 300),
     st.floats(0.51, 1.0),
     st.floats(31.0, 1e3),
     st.integers(0, 50),
