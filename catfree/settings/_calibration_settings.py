@@ -58,7 +58,6 @@ class CalibrationSettings(CheckedSettings):
         minimum_association: share of explained boxes that an accepted camera must reach.
         minimum_margin: natural-log evidence by which an accepted camera must exceed every shifted
             time.
-        minimum_match_margin: the same per match.
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
         strained_residual: ratio of a camera's residual to the usual one above which the camera is
@@ -191,7 +190,6 @@ class CalibrationSettings(CheckedSettings):
     minimum_margin: float = constant(
         25.0, "decision", "fitting seven parameters to chance alone gains about ten"
     )
-    minimum_match_margin: float = constant(0.1, "decision", "a correct camera gains about one")
     chance_shifts: tuple[float, ...] = constant(
         (0.04, 0.08, 0.17, 0.29, 0.41, 0.53, 0.67, 0.83, 0.92, 0.96),
         "decision",

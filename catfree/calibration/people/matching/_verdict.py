@@ -105,7 +105,7 @@ def judge_camera(
     frames = grid.frame_count
     steps = sorted({round(share * frames) % frames for share in settings.chance_shifts} - {0})
     margin = evidence - max((at_shift(step)[0] for step in steps), default=np.inf)
-    shortcomings = _shortcomings(association, matches, margin, settings)
+    shortcomings = _shortcomings(association, margin, settings)
     return PlacementVerdict(evidence, association, matches, margin, shortcomings)
 
 
@@ -124,10 +124,10 @@ def judge_cameras(
 
 
 def _shortcomings(
-    association: float, matches: int, margin: float, settings: CalibrationSettings
+    association: float, margin: float, settings: CalibrationSettings
 ) -> tuple[str, ...]:
     """List the criteria that a camera fails, as text."""
-    needed = max(settings.minimum_margin, settings.minimum_match_margin * matches)
+    needed = settings.minimum_margin
     reasons = []
     if not association > settings.minimum_association:
         reasons.append(
