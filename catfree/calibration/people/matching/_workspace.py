@@ -39,7 +39,7 @@ class Workspace:
         self.voting = grid.thinned(settings.voting_frames)
         self.scoring = grid.thinned(settings.scoring_frames)
         self._planes: dict[tuple[int, float], Float[np.ndarray, "plane 7"]] = {}
-        self._maps: dict[tuple[int, int, bytes], GroundMap] = {}
+        self._maps: dict[tuple[int, bytes], GroundMap] = {}
 
     def planes(self, camera: int, log_focal: float) -> Float[np.ndarray, "plane 7"]:
         """Single-view planes of a camera for a focal length, cached."""
@@ -48,11 +48,11 @@ class Workspace:
             self._planes[key] = fit_planes(self.grid, camera, np.exp(log_focal), self.settings)
         return self._planes[key]
 
-    def local_map(self, grid: BoxGrid, camera: int, plane: Float[np.ndarray, "7"]) -> GroundMap:
-        """Map of a camera's people on one of its planes, for `voting` or `scoring`, cached."""
-        key = (grid.frame_count, camera, plane.tobytes())
+    def local_map(self, camera: int, plane: Float[np.ndarray, "7"]) -> GroundMap:
+        """Map of a camera's people on one of its planes, in the voting frames, cached."""
+        key = (camera, plane.tobytes())
         if key not in self._maps:
-            self._maps[key] = map_camera(grid, camera, plane, self.settings, RANGE_ERRORS[0])
+            self._maps[key] = map_camera(self.voting, camera, plane, self.settings, RANGE_ERRORS[0])
         return self._maps[key]
 
 

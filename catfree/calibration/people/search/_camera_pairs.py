@@ -25,9 +25,7 @@ def rank_pairs(work: Workspace, report: Progress) -> list[tuple[int, int]]:
     cameras, settings = range(work.grid.camera_count), work.settings
     focal = np.log(usual_focal(work.grid.size, settings))
     planes = [work.planes(c, float(focal[c])) for c in cameras]
-    maps = [
-        work.local_map(work.voting, c, planes[c][0]) if len(planes[c]) else None for c in cameras
-    ]
+    maps = [work.local_map(c, planes[c][0]) if len(planes[c]) else None for c in cameras]
     couples, votes = list(combinations(cameras, 2)), {}
     for done, (one, two) in enumerate(couples, start=1):
         target, source = maps[one], maps[two]
@@ -55,7 +53,7 @@ def search_pair(work: Workspace, one: int, two: int) -> RigState | None:
     for share in settings.focal_shares:
         targets, sources = (
             [
-                (plane, work.local_map(work.voting, c, plane))
+                (plane, work.local_map(c, plane))
                 for plane in work.planes(c, float(np.log(share * longest[c])))
             ]
             for c in (one, two)
