@@ -139,7 +139,7 @@ def _naming_output() -> Iterator[None]:
     """Raise `WriteError` if standard output cannot be written; its `OSError` names no file."""
     try:
         yield
-    except BrokenPipeError:  # the reader ended, which is no failure
+    except BrokenPipeError:  # the reader ended, which is not a failure
         raise
     except OSError as error:
         raise WriteError(f"Standard output: {error.strerror or error}.") from error

@@ -53,8 +53,8 @@ class Similarity(eqx.Module):
         """Store as JAX arrays of one dtype.
 
         Raises:
-            InvalidInputError: if shapes do not fit, or concrete numbers are no positive finite
-                scale, no proper rotation or no finite translation.
+            InvalidInputError: if shapes do not fit or, unless traced, the scale is not positive,
+                the rotation is not a proper one, or a number is not finite.
         """
         self.scale, self.rotation, self.translation = float_arrays(
             scale=scale, rotation=rotation, translation=translation

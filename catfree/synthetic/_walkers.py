@@ -122,7 +122,7 @@ def simulate_walkers(
 
     Raises:
         InvalidInputError: if a count or a time is negative, the area or the frame rate is not
-            positive, `standing` is no share, or a number is not finite.
+            positive, `standing` is not a share, or a number is not finite.
     """
     area, fps = as_area(area), as_positive(fps, "fps")
     frames = as_count(frames, "frames", least=1)

@@ -235,7 +235,7 @@ def require_rotations(R: Any, name: str, where: Any = True) -> None:
     """Raise unless these matrices (..., D, D) are proper rotations where `where` (...) is true.
 
     Raises:
-        InvalidInputError: naming the first that is none.
+        InvalidInputError: naming the first that is not.
     """
     R = np.asarray(R, np.float64)
     with np.errstate(invalid="ignore", over="ignore"):

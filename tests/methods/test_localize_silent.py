@@ -89,7 +89,7 @@ def test_one_dead_camera_of_four_hides_nobody_and_is_named(camera):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 2])
-def test_a_camera_that_is_silent_in_all_frames_is_no_camera(seed):
+def test_a_camera_that_is_silent_in_all_frames_counts_as_absent(seed):
     world = make_world("ring5", frames=20, people=8, seed=seed)
     scene, boxes = world.true_scene, world.detections
     less = boxes[boxes.camera != 2]
