@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.ndimage import maximum_filter
 
 from catfree.calibration.people.cameras._camera_model import PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import GroundMap
@@ -19,8 +20,7 @@ from catfree.settings import CalibrationSettings
 FINER = 4  # narrow bins per bin
 SHARPENED = 2  # bins around a placement where narrow bins vote: those blurred into it
 NEAR_BINS = 2.5  # bins of the vote; nearer placements count as one
-LEAST_SCORE = 0.4  # of the best score; lower placements are not considered
-BINS_PER_PLACEMENT = 50  # considered for each distinct placement
+NEIGHBORS = 5  # bins along each axis of which a placement has the most votes
 VOTES_AT_A_TIME = 2**16  # fits a cache
 LONGEST_ABSENCE = 3  # voting frames; after more, a pair in the same places is a new stay
 CANDIDATES = 4  # placements of a vote to compare by their evidence
@@ -92,14 +92,10 @@ def vote(
     heading = np.arange(turns + 1) * 2 * np.pi / turns
     bins = _Bins(heading, settings.voting_cell, _reach(target, source, settings))
     score = _score(target, source, bins, settings)
-    placements: list[Placement] = []
-    best = np.flatnonzero(score > LEAST_SCORE * max(score.max(), 1e-9))
-    for index in best[np.argsort(-score.flat[best], kind="stable")[: BINS_PER_PLACEMENT * count]]:
-        placement = bins.placement(score.shape, int(index))
-        if not any(placement.is_near(other, settings) for other in placements):
-            placements.append(placement)
-            if len(placements) == count:
-                break
+    peaks = score == maximum_filter(score, NEIGHBORS, mode=("wrap", "nearest", "nearest"))
+    best = np.flatnonzero(peaks & (score > 0))
+    best = best[np.argsort(-score.flat[best], kind="stable")[:count]]
+    placements = [bins.placement(score.shape, int(index)) for index in best]
     sharpened = [_sharpened(target, source, placement, settings) for placement in placements]
     return sorted(sharpened, key=lambda item: -item[0])
 
