@@ -98,10 +98,7 @@ def confirm(
 ) -> Calibration:
     """Recompute the evidence of every camera and remove cameras with too little evidence.
 
-    A camera without a box in the last adjustment did not move with the others, so its evidence must
-    be positive: the same people are more likely than other people at the same places. Adjusted
-    cameras may have less evidence where detectors miss many people. At least two cameras always
-    remain.
+    At least two cameras always remain.
 
     Args:
         calibration: a rig.
@@ -112,12 +109,8 @@ def confirm(
         The rig; rejected cameras are not registered and hold NaN.
     """
     work, state = _resume(calibration, detections, settings)
-    stayed = calibration.sightings == 0
     while True:
         verdicts, worst = judge_cameras(work, state)
-        if worst is None and len(verdicts) > 2:
-            chance = [c for c, verdict in verdicts.items() if stayed[c] and verdict.evidence <= 0]
-            worst = min(chance, key=lambda c: verdicts[c].margin, default=None)
         if worst is None:
             return _with_cameras(calibration, state, verdicts)
         state = state.without_camera(worst)
