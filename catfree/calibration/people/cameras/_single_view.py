@@ -75,13 +75,10 @@ def fit_planes(
         np.ones(len(boxes), bool),
     )
     generator = np.random.default_rng(0)
-    starts = [_sample_plane(boxes[chosen], focal, settings, generator) for chosen in subsets]
+    start = np.array([_sample_plane(boxes[few], focal, settings, generator) for few in subsets])
     # Both edges change the implied height; the lower one also changes the range.
     by_edges = 2.0 * settings.apparent_height * sd / np.maximum(box_height, 1.0)
     spread = np.hypot(settings.person_height_sd, by_edges)
-    # Polish each start with its own boxes, and with all boxes.
-    start = np.repeat(starts, 2, axis=0)
-    member = np.stack([m for chosen in subsets for m in (chosen, subsets[-1])])
     with jax.enable_x64(True):
         sample = _Sample(
             padded(boxes, LARGEST_SAMPLE),
@@ -90,13 +87,12 @@ def fit_planes(
             jnp.asarray(settings.foot_offset),
             jnp.asarray(1 / settings.roll_sd),
         )
-        member = padded(member, len(member), LARGEST_SAMPLE)
+        member = padded(np.stack(subsets), len(subsets), LARGEST_SAMPLE)
         planes, quality = map(np.asarray, _polish(jax.device_put(start), member, sample))
     fits: list[tuple[float, np.ndarray]] = []
-    for first in range(0, len(planes), 2):
-        at = first if _is_sensible(planes[first]) else first + 1
-        if _is_sensible(planes[at]) and not any(_same_plane(planes[at], p) for _, p in fits):
-            fits.append((float(quality[at]), planes[at]))
+    for support, plane in zip(quality.tolist(), planes, strict=True):
+        if _is_sensible(plane) and not any(_same_plane(plane, other) for _, other in fits):
+            fits.append((support, plane))
     fits.sort(key=lambda item: -item[0])
     return np.array([plane for _, plane in fits]).reshape(-1, 7)
 
