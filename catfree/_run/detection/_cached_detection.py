@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby, islice
 
 import numpy as np
@@ -61,27 +62,19 @@ class _Piece:
         return self.boxes is not None and (self.look_key is None or self.looks is not None)
 
 
-@dataclass
-class _FirstLook:
-    """Detect people and compute their appearance in the pictures of an instant.
-
-    Attributes:
-        describe: computes the embeddings, or None.
-        known: boxes found earlier, by frame.
-    """
-
-    describe: Describer | None
-    known: Mapping[int, Detections]
-
-    def __call__(
-        self, detectors: Mapping[int, Detector], frame: int, pictures: Mapping[int, Image]
-    ) -> dict[int, Seen]:
-        """Return the people of each camera and, if there is an embedder, their embeddings."""
-        if frame in self.known:
-            people = {camera: _stored(self.known[frame], frame, camera) for camera in pictures}
-        else:
-            people = detect_instant(pictures, detectors, frame)
-        return describe_instant(pictures, people, self.describe, frame)
+def _look(
+    describe: Describer | None,
+    known: Mapping[int, Detections],
+    detectors: Mapping[int, Detector],
+    frame: int,
+    pictures: Mapping[int, Image],
+) -> dict[int, Seen]:
+    """Detect people, unless their boxes are known by frame, and describe them, at one instant."""
+    if frame in known:
+        people = {camera: _stored(known[frame], frame, camera) for camera in pictures}
+    else:
+        people = detect_instant(pictures, detectors, frame)
+    return describe_instant(pictures, people, describe, frame)
 
 
 def _stored(boxes: Detections, frame: int, camera: int) -> FrameDetections:
@@ -129,7 +122,7 @@ def detect_with_cache(
             for frame in videos.frames[piece.first : piece.first + piece.count]
             if piece.boxes is not None
         }
-        look = _FirstLook(describe, known)
+        look = partial(_look, describe, known)
         unknown = any(piece.boxes is None for piece in stretch)
         instants = cameras.instants(videos, look, stretch[0].first, stage="detect", detect=unknown)
         for piece in stretch:

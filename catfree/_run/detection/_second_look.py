@@ -7,13 +7,14 @@ own image shows.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from catfree._run.detection._camera_detectors import CameraDetectors
-from catfree.adapters.protocols import Embedder, GuidedDetector, Image
+from catfree.adapters.protocols import Embedder, Image
 from catfree.adapters.video._detect_videos import Seen, collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, ask_for_people
@@ -106,45 +107,36 @@ def look_again(
     if embedder is not None:
         looks = first.embedding
         describe = Describer(embedder, looks.shape[1] if looks is not None and len(looks) else None)
-    look = _SecondLook(describe, expected, first[np.argsort(first.frame, kind="stable")])
+    in_order = first[np.argsort(first.frame, kind="stable")]
+    look = partial(_look, describe, expected, in_order)
     return collect_detections(cameras.instants(videos, look, stage="second look"), videos)
 
 
-@dataclass
-class _SecondLook:
-    """Detect people in the pictures of an instant and embed them, given who is expected.
+def _look(
+    describe: Describer | None,
+    expected: ExpectedPeople,
+    first: Detections,
+    detectors: Mapping[int, Any],
+    frame: int,
+    pictures: Mapping[int, Image],
+) -> dict[int, Seen]:
+    """Detect people and embed them at one instant, given who is expected and the first boxes."""
 
-    Attributes:
-        describe: computes the embeddings, or None.
-        expected: predicted places of people.
-        first: detections of the first pass, in order of frame.
-    """
-
-    describe: Describer | None
-    expected: ExpectedPeople
-    first: Detections
-
-    def __call__(
-        self, detectors: Mapping[int, Any], frame: int, pictures: Mapping[int, Image]
-    ) -> dict[int, Seen]:
-        return {
-            camera: self._look(detectors[camera], frame, camera, picture)
-            for camera, picture in pictures.items()
-        }
-
-    def _look(self, detector: GuidedDetector, frame: int, camera: int, image: Image) -> Seen:
-        expected, first = self.expected.in_picture(frame, camera), self.first
-        people = ask_for_people(detector, image, camera, frame, expected)
-        if self.describe is None:
+    def look(camera: int, image: Image) -> Seen:
+        places = expected.in_picture(frame, camera)
+        people = ask_for_people(detectors[camera], image, camera, frame, places)
+        if describe is None:
             return people, None
         first_rows = rows_of_picture(first.frame, first.camera, frame, camera)
         if first.embedding is None or not len(first_rows):
-            return people, self.describe(image, people.box, camera, frame)
+            return people, describe(image, people.box, camera, frame)
         offset = np.abs(people.box[:, None] - first.box[first_rows]).max(-1)
         changed = offset.min(1) > SAME
         vectors = first.embedding[first_rows[offset.argmin(1)]]
-        vectors[changed] = self.describe(image, people.box[changed], camera, frame)
+        vectors[changed] = describe(image, people.box[changed], camera, frame)
         return people, vectors
+
+    return {camera: look(camera, picture) for camera, picture in pictures.items()}
 
 
 def track_heights(
