@@ -284,7 +284,7 @@ def run_stages(
                 embedder = ColorEmbedder()
             cameras = CameraDetectors(recording, detector, cache, progress, workers=workers)
             stack.enter_context(cameras)
-            so_far.detections = detections = detect_with_cache(recording, cameras, embedder, cache)
+            so_far.detections = detections = detect_with_cache(cameras, embedder)
             recording, damage = before_damage(recording)
             so_far.recording, so_far.warnings = recording, so_far.warnings + damage
             if reconstructor is not None:

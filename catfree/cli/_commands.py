@@ -483,7 +483,7 @@ def calibrate(
             unfinished.recording, unfinished.warnings = source, footage_warnings(source)
             workers = processor_count()
             with CameraDetectors(source, finder, stages, progress, workers=workers) as cameras:
-                boxes = detect_with_cache(source, cameras, None, stages)
+                boxes = detect_with_cache(cameras, None)
             unfinished.detections = boxes
             unfinished.recording, damage = before_damage(source)
             unfinished.warnings += damage

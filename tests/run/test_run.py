@@ -70,7 +70,7 @@ class ReadsItsPicture:
 
 def detect(videos, detector, embedder=None, cache=None, **options):
     with CameraDetectors(videos, detector, cache, **options) as cameras:
-        return detect_with_cache(videos, cameras, embedder, cache)
+        return detect_with_cache(cameras, embedder)
 
 
 class Unused:

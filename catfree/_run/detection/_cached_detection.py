@@ -83,21 +83,14 @@ def _stored(boxes: Detections, frame: int, camera: int) -> FrameDetections:
     return FrameDetections(boxes.box[rows], score[rows])
 
 
-def detect_with_cache(
-    videos: SynchronizedVideos,
-    cameras: CameraDetectors,
-    embedder: Embedder | None,
-    cache: StageCache | None,
-) -> Detections:
+def detect_with_cache(cameras: CameraDetectors, embedder: Embedder | None) -> Detections:
     """Detect as `detect_videos` does, in pieces of a few instants that later runs reuse.
 
     Boxes and embeddings are cached separately: a change of the embedder does not repeat detection.
 
     Args:
-        videos: the cameras' images, instant by instant.
-        cameras: the detectors of the cameras.
-        embedder: computes their embeddings, or None.
-        cache: holds finished pieces, or None.
+        cameras: the detectors of the cameras, with their footage and the cache, if any.
+        embedder: computes the embeddings, or None.
 
     Returns:
         One row per box, sorted by frame and camera.
@@ -108,6 +101,7 @@ def detect_with_cache(
         FileFormatError: as `detect_videos`.
         WriteError: if a finished piece cannot be stored.
     """
+    videos, cache = cameras.videos, cameras.cache
     pieces = _pieces(videos, cameras.detector, embedder, cache)
     describe = None if embedder is None else Describer(embedder)
     if all(piece.complete for piece in pieces):

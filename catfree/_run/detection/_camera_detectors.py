@@ -67,7 +67,7 @@ class CameraDetectors:
         Args:
             videos: the footage to which detectors are fitted.
             detector: finds people in one picture.
-            cache: holds backgrounds learned by an earlier run.
+            cache: holds backgrounds and detections of an earlier run.
             progress: called as progress(stage, done, total), with "fit" or the stage of `instants`.
             workers: maximum number of processes, at most one per camera. This process does all the
                 work if it may not start others, if the detector or embedder cannot be pickled, or
@@ -75,7 +75,7 @@ class CameraDetectors:
                 processors.
         """
         self.detector, self.progress = detector, as_progress(progress)
-        self._videos, self._cache = videos, cache
+        self.videos, self.cache = videos, cache
         several = (
             workers > 1
             and isinstance(detector, FittedToCamera)
@@ -118,7 +118,7 @@ class CameraDetectors:
             FileFormatError: as `fit_to_cameras`.
             WriteError: if a background cannot be stored.
         """
-        videos, detector, cache = self._videos, self.detector, self._cache
+        videos, detector, cache = self.videos, self.detector, self.cache
         known: dict[int, Detector] = {}
         if cache is None or not isinstance(detector, BackgroundDetector):
             return self._fit(known, lambda camera, fitted: None)
@@ -143,7 +143,7 @@ class CameraDetectors:
         self, known: Mapping[int, Detector], learned: Callable[[int, Detector], None]
     ) -> list[Detector]:
         """Fit the cameras that are not fitted yet."""
-        videos, detector, progress = self._videos, self.detector, self.progress
+        videos, detector, progress = self.videos, self.detector, self.progress
         if self._workers == 1 or not isinstance(detector, FittedToCamera):
             return fit_to_cameras(videos, detector, progress, known=known, learned=learned)
         total = sum(one.pictures for at, one in enumerate(videos.footage) if at not in known)

@@ -56,7 +56,7 @@ def both_looks(videos, workers, cache=None):
             calls.append(call)
 
     with CameraDetectors(videos, BackgroundDetector(), cache, note, workers=workers) as cameras:
-        found = detect_with_cache(videos, cameras, ColorEmbedder(), None)
+        found = detect_with_cache(cameras, ColorEmbedder())
         again = look_again(videos, cameras, ColorEmbedder(), expected, found)
     return found, again, calls
 
@@ -78,6 +78,8 @@ def test_any_number_of_workers_finds_the_same(folders):
 def test_a_background_that_is_known_is_not_learned_again(folders, tmp_path):
     videos, cache = SynchronizedVideos(folders[::2]), StageCache(tmp_path)
     *expected, _ = both_looks(videos, 2, cache)
+    for path in (*cache.folder.glob("boxes-*"), *cache.folder.glob("looks-*")):
+        path.unlink()
     next(iter(cache.folder.glob("background-*"))).unlink()
     *found, told = both_looks(videos, 2, cache)
     assert told[-1] == ("fit", FRAMES, FRAMES)  # one camera
@@ -99,7 +101,7 @@ def test_damaged_footage_ends_where_it_ends_in_one_process(tmp_path, folders, br
     found, said = [], []
     for workers in (1, 2):
         with CameraDetectors(videos, Fits("finds", FRAMES), workers=workers) as cameras:
-            found.append(detect_with_cache(videos, cameras, None, None))
+            found.append(detect_with_cache(cameras, None))
         said.append(str(videos.interruption))
         assert videos.whole == broken
         np.testing.assert_array_equal(videos.before_interruption().frames, np.arange(broken))
@@ -116,7 +118,7 @@ def test_a_worker_reports_a_wrong_answer_with_camera_and_frame(folders):
         CameraDetectors(videos, Fits("wrong", CHUNK + 2), workers=2) as cameras,
         pytest.raises(InvalidInputError, match=rf"camera 0 at frame {CHUNK + 2},.*type str"),
     ):
-        detect_with_cache(videos, cameras, None, None)
+        detect_with_cache(cameras, None)
 
 
 @pytest.mark.slow
@@ -125,9 +127,9 @@ def test_a_worker_keeps_its_detectors_until_the_end(folders):
     videos = SynchronizedVideos(folders[::2])
     calls = videos.frame_count
     with CameraDetectors(videos, Fits("counts", calls), workers=2) as cameras:
-        assert len(detect_with_cache(videos, cameras, None, None)) == 2 * calls
+        assert len(detect_with_cache(cameras, None)) == 2 * calls
         with pytest.raises(InvalidInputError, match="at frame 0,"):
-            detect_with_cache(videos, cameras, None, None)
+            detect_with_cache(cameras, None)
 
 
 @pytest.mark.slow
@@ -137,7 +139,7 @@ def test_a_worker_that_ended_is_said(folders):
         CameraDetectors(videos, Fits("dies", 0, EndsItsProcess), workers=2) as cameras,
         pytest.raises(CatFreeError, match=r"ended early.*workers=1"),
     ):
-        detect_with_cache(videos, cameras, None, None)
+        detect_with_cache(cameras, None)
 
 
 def pictures_of(tmp_path, colors, frames=2, **options):
@@ -172,7 +174,7 @@ def test_an_exception_of_somebody_elses_keeps_its_words(tmp_path):
         CameraDetectors(videos, Fits("fails", 0, FittedFails), workers=2) as cameras,
         pytest.raises(CatFreeError, match="TwoWordsError: network down"),
     ):
-        detect_with_cache(videos, cameras, None, None)
+        detect_with_cache(cameras, None)
 
 
 @pytest.mark.slow
@@ -184,7 +186,7 @@ def test_what_one_process_would_not_have_met_is_not_met(tmp_path):
     found, detector = [], Fits("wrong", end + 2, WrongInBright)
     for workers in (1, 2):
         with CameraDetectors(videos, detector, workers=workers) as cameras:
-            found.append(detect_with_cache(videos, cameras, None, None))
+            found.append(detect_with_cache(cameras, None))
     assert len(found[0]) == end
     assert same_content(*found)
 
@@ -193,12 +195,12 @@ def test_what_one_process_would_not_have_met_is_not_met(tmp_path):
 def test_detectors_that_cannot_be_sent_work_here_or_say_so(tmp_path):
     videos = pictures_of(tmp_path, (0, 100))
     with CameraDetectors(videos, Locked("locked", 9), workers=2) as cameras:
-        assert len(detect_with_cache(videos, cameras, None, None)) == 4
+        assert len(detect_with_cache(cameras, None)) == 4
     with (
         CameraDetectors(videos, Fits("locked", 9, FittedLocked), workers=2) as cameras,
         pytest.raises(CatFreeError, match=r"is of type FittedLocked, which cannot be pickled.*=1"),
     ):
-        detect_with_cache(videos, cameras, None, None)
+        detect_with_cache(cameras, None)
 
 
 @pytest.mark.slow
@@ -212,7 +214,7 @@ def test_looks_of_two_lengths_are_refused_across_processes(tmp_path, workers, sa
         CameraDetectors(videos, Fits("finds", 9), workers=workers) as cameras,
         pytest.raises(InvalidInputError, match=said),
     ):
-        detect_with_cache(videos, cameras, LooksOfTwoLengths(), None)
+        detect_with_cache(cameras, LooksOfTwoLengths())
 
 
 @pytest.mark.slow
