@@ -63,7 +63,12 @@ def plan(
     from catfree._run.sharded._plan_file import PlanFile, write_plan
     from catfree._run.sharded._receipt import PLAN
     from catfree._run.sharded._shard import shards
-    from catfree.adapters.datasets._detection_files import RESULT_SILENT, beside_results
+    from catfree.adapters.datasets._detection_files import (
+        RESULT_SILENT,
+        beside_results,
+        read_missing_pictures,
+    )
+    from catfree.adapters.files._camera_names import plain_numbers
     from catfree.types._writing import make_folder
 
     networks = {"detector": detector, "embedder": embedder}
@@ -78,13 +83,14 @@ def plan(
     warn(warnings)  # before any shard can fail
     if silent is None and boxes is not None:
         silent = beside_results(boxes, RESULT_SILENT)
+    cameras = names or plain_numbers(known.rig.camera_count)
     parts = shards(
         recording if boxes is None else boxes,
         every,
         overlap,
         frame_rate,
         offsets=offsets,
-        silent=None if silent is None else _missing_pictures(silent, known, names),
+        silent=None if silent is None else read_missing_pictures(silent, cameras),
         camera_names=names,
     )
     # Beside the other working files, which readers of Parquet folders skip.
@@ -211,14 +217,6 @@ def _scene_for(
         return scene, names, ()
     ordered, warnings = order_like(scene, names, names_of_files(videos))
     return ordered, None, warnings
-
-
-def _missing_pictures(path: Path, scene: Any, names: tuple[str, ...] | None) -> Any:
-    """Read the missing pictures, with cameras named as in the scene."""
-    from catfree.adapters.datasets._detection_files import read_missing_pictures
-    from catfree.adapters.files._camera_names import plain_numbers
-
-    return read_missing_pictures(path, names or plain_numbers(scene.rig.camera_count))
 
 
 def _path(text: str) -> Path | None:
