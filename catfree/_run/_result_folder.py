@@ -33,6 +33,7 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import CatFreeError, FileFormatError
 from catfree.settings import SelectionSettings, Settings
 from catfree.types import Detections, Lens, Localization, Scene
+from catfree.types._sampling import common_step
 from catfree.types._validation import as_flag, as_path, require_instance
 from catfree.types._writing import cannot_write, make_folder, remove_abandoned, replacing
 from catfree.types.results._arrow_table import CAMERA_BITS
@@ -441,7 +442,7 @@ def numbers_of_files(frames: Int[np.ndarray, " t"], *, from_one: bool = False) -
     """
     if not len(frames):
         return range(0)
-    step = int(np.gcd.reduce(np.diff(frames), initial=0)) or 1
+    step = common_step(frames)
     first, last = int(frames[0]), int(frames[-1])
     if from_one:
         first = min(first, (first - 1) % step + 1)

@@ -103,9 +103,11 @@ def _box_table(boxes: Any) -> Any:
 
 def _in_steps(frames: np.ndarray, tracked: np.ndarray) -> np.ndarray:
     """Mark frames (F,) in the even steps of sorted frames of tracks; all if there are none."""
+    from catfree.types._sampling import common_step
+
     if not len(tracked):
         return np.ones(len(frames), bool)
-    step = max(1, int(np.gcd.reduce(np.diff(tracked))))
+    step = common_step(tracked)
     within = (frames >= tracked[0]) & (frames <= tracked[-1])
     return within & ((frames - tracked[0]) % step == 0)
 
@@ -130,6 +132,7 @@ def _better_numbering(
         gate: largest distance of a match.
     """
     from catfree.evaluation import detection_metrics
+    from catfree.types._sampling import common_step
 
     def shifted(by: int) -> Any:
         moved = np.add(truth, [by, 0, 0, 0])
@@ -138,11 +141,11 @@ def _better_numbering(
     def closeness(one: Any) -> float:
         return one.tp * one.modp
 
-    step = int(np.gcd.reduce(np.diff(np.union1d(truth[:, 0], predicted[:, 0]).astype(np.int64))))
+    step = common_step(np.concatenate([truth[:, 0], predicted[:, 0]]).astype(np.int64))
     given, shift = shifted(0), 0
     best = given
     for way in (-step, step):
-        while step and closeness(near := shifted(shift + way)) > closeness(best):
+        while closeness(near := shifted(shift + way)) > closeness(best):
             best, shift = near, shift + way
     wrong, left = (one.fp_per_frame + one.fn_per_frame for one in (given, best))
     if 2 * (2 * left < wrong).sum() <= len(frames):

@@ -61,6 +61,11 @@ def frame_step(frames: Int[np.ndarray, " frame"]) -> int:
     return max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
 
 
+def common_step(frames: Int[np.ndarray, " frame"]) -> int:
+    """Return the largest step whose multiples separate all frames; 1 for fewer than two frames."""
+    return int(np.gcd.reduce(np.diff(np.unique(frames)), initial=0)) or 1
+
+
 def rows_of_picture(
     frames: Int[np.ndarray, " n"], cameras: Int[np.ndarray, " n"], frame: int, camera: int
 ) -> Int[np.ndarray, " k"]:

@@ -2,6 +2,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from catfree.types._sampling import (
+    common_step,
     evenly_spread,
     frame_step,
     mutually_lowest,
@@ -31,6 +32,11 @@ def test_spread_rows_keep_their_columns():
 def test_the_step_of_frames_is_their_usual_distance():
     assert frame_step(np.array([0, 40, 80, 200, 240])) == 40
     assert frame_step(np.array([7])) == frame_step(np.zeros(0, int)) == 1
+
+
+def test_common_step():
+    assert common_step(np.array([35, 5, 20, 5])) == 15
+    assert common_step(np.array([7, 7])) == common_step(np.zeros(0, int)) == 1
 
 
 @given(st.integers(0, 10**6), st.integers(0, 60), st.integers(0, 9), st.integers(0, 3))

@@ -6,6 +6,7 @@ from jaxtyping import Int
 from catfree.adapters.files._documents import StrPath
 from catfree.errors import InvalidInputError
 from catfree.types import Tracks
+from catfree.types._sampling import common_step
 from catfree.types._validation import require_instance
 
 
@@ -36,5 +37,5 @@ def numbered_frames(frame: Int[np.ndarray, " m"]) -> tuple[Int[np.ndarray, " m"]
     """
     if not len(frame):
         return frame, 1
-    step = int(np.gcd.reduce(np.diff(np.unique(frame)), initial=0)) or 1
+    step = common_step(frame)
     return (frame - frame.min() % step) // step, step
