@@ -43,7 +43,8 @@ class CocoBoxes(NamedTuple):
 class _Image(NamedTuple):
     camera: str
     frame: int
-    size: tuple[int, int] | None
+    name: str | int
+    size: tuple[int, int] | None = None
 
 
 def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
@@ -86,7 +87,7 @@ def _boxes(
 ) -> CocoBoxes:
     """Take the boxes of people; without a data set, the boxes name their images."""
     frame, camera, corners, score = [], [], [], []
-    files: dict[tuple[str, int], Any] = {}
+    first_of: dict[tuple[str, int], _Image] = {}
     others = []
     for at, row in enumerate(rows):
         where = f"box {at}"
@@ -106,7 +107,7 @@ def _boxes(
                 "unknown."
             )
         if images_by_id is None:
-            _require_own_place(files, image, name)
+            _require_own_place(first_of, image)
         box = numbers_of(row, "bbox", (4,), where)
         if not (box[2:] > 0).all():
             raise InvalidInputError(
@@ -165,17 +166,15 @@ def _people(document: dict[str, Any] | None) -> Sequence[Any]:
 
 def _images(document: Any) -> dict[Any, _Image]:
     images_by_id: dict[Any, _Image] = {}
-    files: dict[tuple[str, int], Any] = {}
+    first_of: dict[tuple[str, int], _Image] = {}
     sizes: dict[str, tuple[int, int]] = {}
-    names: dict[Any, str] = {}
     for at, row in enumerate(list_of(entry(document, "images"), "images")):
         where = f"image {at}"
         name = entry(row, "file_name", where)
         image = _image_of(name) if isinstance(name, str) else None
         if image is None:
             raise FileFormatError(f"the file name of {where}, {quoted(name)}, has no frame number.")
-        _require_own_place(files, image, name)
-        size = None
+        _require_own_place(first_of, image)
         if "width" in row and "height" in row:
             pair = [row["width"], row["height"]]
             if not all(is_whole(value) and value > 0 for value in pair):
@@ -183,6 +182,7 @@ def _images(document: Any) -> dict[Any, _Image]:
                     f"the size of {where} is {quoted(pair)}, not two whole numbers."
                 )
             size = (int(pair[0]), int(pair[1]))
+            image = image._replace(size=size)
             first = sizes.setdefault(image.camera, size)
             if size != first:
                 raise FileFormatError(
@@ -192,23 +192,21 @@ def _images(document: Any) -> dict[Any, _Image]:
         key = entry(row, "id", where)
         if not isinstance(key, int | str):
             raise FileFormatError(f"the id of {where} is {quoted(key)}.")
-        image = image._replace(size=size)
         other = images_by_id.setdefault(key, image)
         if other[:2] != image[:2]:
             raise FileFormatError(
-                f"the images {quoted(names[key])} and {quoted(name)} have the same id, "
+                f"the images {quoted(other.name)} and {quoted(name)} have the same id, "
                 f"{quoted(key)}, so boxes of it could be of either. Give each image its own id."
             )
-        names[key] = name
     return images_by_id
 
 
-def _require_own_place(files: dict[tuple[str, int], Any], image: _Image, name: Any) -> None:
-    """Record an image's name; raise if another name has the same camera and frame."""
-    first_name = files.setdefault((image.camera, image.frame), name)
-    if first_name != name:
+def _require_own_place(first_of: dict[tuple[str, int], _Image], image: _Image) -> None:
+    """Record the image of a camera and frame; raise if another one has both."""
+    first = first_of.setdefault((image.camera, image.frame), image)
+    if first.name != image.name:
         raise FileFormatError(
-            f"the images {quoted(first_name)} and {quoted(name)} would be one picture, frame "
+            f"the images {quoted(first.name)} and {quoted(image.name)} would be one picture, frame "
             f"{image.frame} of one camera. Put the images of each camera into a folder of its own."
         )
 
@@ -216,7 +214,7 @@ def _require_own_place(files: dict[tuple[str, int], Any], image: _Image, name: A
 def _image_of(name: Any) -> _Image | None:
     """Take camera and frame from a file name, or the frame alone from a whole number."""
     if is_whole(name):
-        return _Image("", int(name), None)
+        return _Image("", int(name), name)
     if not isinstance(name, str):
         return None
     path = PurePosixPath(name)
@@ -224,4 +222,4 @@ def _image_of(name: Any) -> _Image | None:
     if not digits or len(digits[-1]) > _MOST_DIGITS or not is_whole(int(digits[-1])):
         return None
     camera = "" if str(path.parent) == "." else str(path.parent)
-    return _Image(camera, int(digits[-1]), None)
+    return _Image(camera, int(digits[-1]), name)
