@@ -86,12 +86,11 @@ def read_detections_parquet(
     opened = open_detections_table(path)
     import pyarrow.dataset
 
-    field, rows = pyarrow.dataset.field("frame"), None
+    frame, rows = pyarrow.dataset.field("frame"), pyarrow.dataset.scalar(True)
     if first is not None:
-        rows = field >= as_count(first, "first")
+        rows &= frame >= as_count(first, "first")
     if stop is not None:
-        stop = as_count(stop, "stop")
-        rows = field < stop if rows is None else rows & (field < stop)
+        rows &= frame < as_count(stop, "stop")
     with reading(path):
         table = opened.to_table(filter=rows)
     column = values_of(table, _REQUIRED, path)
