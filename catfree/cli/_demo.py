@@ -113,9 +113,7 @@ def run_demo(
     """
     for name, value, least in (
         ("cameras", cameras, 3),  # two centers do not determine the alignment with the truth
-        ("seed", seed, 0),
         ("people", people, 1),
-        ("frames", frames, 1),
         ("workers", 1 if workers is None else workers, 1),
     ):
         as_count(value, name, least=least)
