@@ -313,16 +313,7 @@ def run_stages(
             )
             so_far.warnings += shortcoming
         if cameras is not None and isinstance(recording, SynchronizedVideos):
-            detections = detect_again(
-                recording,
-                cameras,
-                embedder,
-                detections,
-                scene,
-                settings,
-                cache=cache,
-                progress=progress,
-            )
+            detections = detect_again(recording, cameras, embedder, detections, scene, settings)
     so_far.warnings += tiny_boxes(detections, settings.calibration)
     names = tuple(recording.camera_names)
     localization = localize_people(

@@ -169,21 +169,16 @@ def detect_again(
     detections: Detections,
     scene: Scene,
     settings: Settings,
-    *,
-    cache: StageCache | None,
-    progress: Progress | None,
 ) -> Detections:
     """Detect again where the tracks of the first pass predict people: third stage.
 
     Args:
         videos: the footage.
-        cameras: the detectors of the first pass.
+        cameras: the detectors of the first pass; their cache holds a finished second pass.
         embedder: as `run`.
         detections: boxes of the first pass.
         scene: cameras and ground.
         settings: settings of the localization.
-        cache: holds a finished second pass.
-        progress: called as `progress(stage, done, total)`.
 
     Returns:
         The result of `look_again`, or the unchanged detections if the detector takes no hints or
@@ -197,12 +192,14 @@ def detect_again(
     def look() -> Detections:
         if not all(isinstance(one, GuidedDetector) for one in cameras.fitted):
             return detections
-        first = localize_people(detections, scene, settings, videos.silent, progress=progress)
+        first = localize_people(
+            detections, scene, settings, videos.silent, progress=cameras.progress
+        )
         expected = expected_people(first, detections, scene)
         return look_again(videos, cameras, embedder, expected, detections)
 
     return cached(
-        cache,
+        cameras.cache,
         "second-look",
         Detections,
         look,
