@@ -122,26 +122,22 @@ class _Templates:
         # A template mostly outside the picture explains little.
         self._size = np.maximum(filled.sum(axis=0), 0.5 * _TEMPLATE_AREA * place[2] ** 2)
 
-    def gains(
-        self, unexplained: UInt8[np.ndarray, "h w"], rows: Int[np.ndarray, " m"] | slice
-    ) -> Float[np.ndarray, " m"]:
-        """Compute the newly explained share of some templates, less the background inside them."""
-        import cv2
-
-        unexplained_sums = _sums(cv2.integral(unexplained), self._corners[..., rows])
-        zones = len(ZONES)
-        explained = np.minimum(unexplained_sums[:zones], self._filled[:, rows]).sum(axis=0)
-        around = SURROUNDINGS_COST * unexplained_sums[zones:].sum(axis=0)
-        return (explained - self._missing[rows] - around) / self._size[rows]
-
     def best(
         self,
         unexplained: UInt8[np.ndarray, "h w"],
         rows: Int[np.ndarray, " m"] | slice = slice(None),
         cost: Float[np.ndarray, " m"] | float = 0.0,
     ) -> Person | None:
-        """Find the template with the largest gain minus cost, or None if it gains too little."""
-        gain = self.gains(unexplained, rows)
+        """Find the template with the largest gain minus cost, or None if it gains too little.
+
+        The gain is the newly explained share of a template, less the background inside it.
+        """
+        import cv2
+
+        sums, zones = _sums(cv2.integral(unexplained), self._corners[..., rows]), len(ZONES)
+        explained = np.minimum(sums[:zones], self._filled[:, rows]).sum(axis=0)
+        around = SURROUNDINGS_COST * sums[zones:].sum(axis=0)
+        gain = (explained - self._missing[rows] - around) / self._size[rows]
         if not len(gain):
             return None
         at = int(np.argmax(gain - cost))
