@@ -201,24 +201,14 @@ def ground_at_zero(rig: Rig, source: Path | str) -> Plane:
     """Return the ground z = 0 with the cameras on its positive side.
 
     Raises:
-        InvalidInputError: naming the source, if most cameras do not look down on it.
-    """
-    heights = np.asarray(rig.centers)[rig.registered, 2]
-    # Boards that lie on the floor often have their z axis pointing into it.
-    up = -1.0 if len(heights) and np.median(heights) < 0 else 1.0
-    ground = Plane(np.array([0.0, 0.0, up]), 0.0)
-    _require_sight_of(rig, ground, source)
-    return ground
-
-
-def _require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
-    """Raise unless most cameras are above a ground and look at it with the bottom of their images.
-
-    Raises:
-        InvalidInputError: naming the source.
+        InvalidInputError: naming the source, unless most cameras are above it and look at it with
+            the bottom of their images.
     """
     cameras = np.flatnonzero(rig.registered)
     K, R, center = (np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.centers))
+    # Boards that lie on the floor often have their z axis pointing into it.
+    up = -1.0 if len(cameras) and np.median(center[cameras, 2]) < 0 else 1.0
+    ground = Plane(np.array([0.0, 0.0, up]), 0.0)
     size = np.asarray(rig.image_size, np.float64)
     bottom = np.stack([size[:, 0] / 2, size[:, 1], np.ones(len(size))], axis=-1)
     with np.errstate(all="ignore"):  # a camera whose numbers overflow sees nothing
@@ -235,6 +225,7 @@ def _require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
             "cf.Scene.from_rig; cf.calibration.find_ground finds the plane in points of a "
             "reconstruction."
         )
+    return ground
 
 
 def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
