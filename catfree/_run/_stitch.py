@@ -98,10 +98,11 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
     localization.require_detections(detections)
     tracks = localization.tracks
     fragments, habits = learn_fragments(tracks, detections, localization.identity)
-    follower = link_fragments(fragments, habits)
-    return eqx.tree_at(
-        lambda result: result.tracks, localization, join_fragments(tracks, fragments, follower)
-    )
+    chain, stop = chains(fragments, link_fragments(fragments, habits))
+    at = np.searchsorted(fragments.identity, tracks.track_id)
+    joined = eqx.tree_at(lambda table: table.track_id, tracks, chain[at])
+    joined = joined[tracks.frame < stop[at]].renumbered()
+    return eqx.tree_at(lambda result: result.tracks, localization, joined)
 
 
 def learn_fragments(
@@ -255,20 +256,6 @@ def best_assignment(
     before, after = min_weight_full_bipartite_matching(edges, maximize=True)
     paired = after < count
     return before[paired], after[paired]
-
-
-def join_fragments(tracks: Tracks, fragments: Fragments, follower: Int[np.ndarray, " k"]) -> Tracks:
-    """Give the fragments of each chain one identity, numbered as in `Tracks.renumbered`.
-
-    Args:
-        tracks: the positions.
-        fragments: the fragments of the positions.
-        follower: (K,) the result of `link_fragments`.
-    """
-    chain, stop = chains(fragments, follower)
-    at = np.searchsorted(fragments.identity, tracks.track_id)
-    keep = tracks.frame < stop[at]
-    return eqx.tree_at(lambda table: table.track_id, tracks, chain[at])[keep].renumbered()
 
 
 def chains(
