@@ -8,19 +8,9 @@ from itertools import groupby, islice
 import numpy as np
 from jaxtyping import Float
 
-from catfree._run._cache import StageCache, content_key
-from catfree._run.detection._camera_detectors import (
-    DETECTION_CODE,
-    CameraDetectors,
-    Instant,
-)
-from catfree.adapters.protocols import (
-    Detector,
-    Embedder,
-    FittedToCamera,
-    FrameDetections,
-    Image,
-)
+from catfree._run._cache import content_key
+from catfree._run.detection._camera_detectors import DETECTION_CODE, CameraDetectors, Instant
+from catfree.adapters.protocols import Detector, Embedder, FrameDetections, Image
 from catfree.adapters.video._detect_videos import (
     Seen,
     collect_detections,
@@ -101,8 +91,7 @@ def detect_with_cache(cameras: CameraDetectors, embedder: Embedder | None) -> De
         FileFormatError: as `detect_videos`.
         WriteError: if a finished piece cannot be stored.
     """
-    videos, cache = cameras.videos, cameras.cache
-    pieces = _pieces(videos, cameras.detector, embedder, cache)
+    videos, pieces = cameras.videos, _pieces(cameras, embedder)
     describe = None if embedder is None else Describer(embedder)
     if all(piece.complete for piece in pieces):
         cameras.progress("detect", videos.frame_count, videos.frame_count)
@@ -120,18 +109,14 @@ def detect_with_cache(cameras: CameraDetectors, embedder: Embedder | None) -> De
         unknown = any(piece.boxes is None for piece in stretch)
         instants = cameras.instants(videos, look, stretch[0].first, stage="detect", detect=unknown)
         for piece in stretch:
-            _complete(piece, list(islice(instants, piece.count)), videos, cache)
+            _complete(piece, list(islice(instants, piece.count)), cameras)
         if videos.interruption is not None:
             break
     return _join([piece for piece in pieces if piece.complete], videos)
 
 
-def _pieces(
-    videos: SynchronizedVideos,
-    detector: Detector | FittedToCamera,
-    embedder: Embedder | None,
-    cache: StageCache | None,
-) -> list[_Piece]:
+def _pieces(cameras: CameraDetectors, embedder: Embedder | None) -> list[_Piece]:
+    videos, detector, cache = cameras.videos, cameras.detector, cameras.cache
     if cache is None:
         return [_Piece(0, videos.frame_count, "", None, None, None)]
     footage = videos.fingerprint
@@ -152,17 +137,12 @@ def _pieces(
     return pieces
 
 
-def _complete(
-    piece: _Piece,
-    instants: list[Instant[Seen]],
-    videos: SynchronizedVideos,
-    cache: StageCache | None,
-) -> None:
+def _complete(piece: _Piece, instants: list[Instant[Seen]], cameras: CameraDetectors) -> None:
     """Compute missing results of a piece; store them unless the videos ended inside the piece."""
     if not instants:
         return
-    seen = collect_detections(instants, videos)
-    keep = cache if len(instants) == piece.count else None
+    seen = collect_detections(instants, cameras.videos)
+    keep = cameras.cache if len(instants) == piece.count else None
     if piece.boxes is None:
         piece.boxes = replace(seen, embedding=None, clock=None)
         if keep is not None:
