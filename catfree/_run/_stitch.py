@@ -98,7 +98,7 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
     localization.require_detections(detections)
     tracks = localization.tracks
     fragments, habits = learn_fragments(tracks, detections, localization.identity)
-    chain, stop = chains(fragments, link_fragments(fragments, habits))
+    chain, stop = link_fragments(fragments, habits)
     at = np.searchsorted(fragments.identity, tracks.track_id)
     joined = eqx.tree_at(lambda table: table.track_id, tracks, chain[at])
     joined = joined[tracks.frame < stop[at]].renumbered()
@@ -190,8 +190,10 @@ def add_habits(parts: Sequence[Habits]) -> Habits:
     )
 
 
-def link_fragments(fragments: Fragments, habits: Habits) -> Int[np.ndarray, " k"]:
-    """Find the fragment that continues each fragment, or -1 for none.
+def link_fragments(
+    fragments: Fragments, habits: Habits
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Link each person's fragments to a chain.
 
     The log-odds of a link compare "the same person" with "a new person": the likelihood of the
     later start given the earlier end, against the density of starts anywhere, and the similarity of
@@ -200,10 +202,15 @@ def link_fragments(fragments: Fragments, habits: Habits) -> Int[np.ndarray, " k"
     Args:
         fragments: the fragments.
         habits: the habits of their recording.
+
+    Returns:
+        (K,) first fragment of each fragment's chain, and (K,) the frame before which the fragment
+        ends because its follower begins there.
     """
-    follower = np.full(len(fragments), -1)
+    chain = np.arange(len(fragments))
+    stop = np.full(len(fragments), np.iinfo(np.int64).max)
     if len(fragments) < 2:
-        return follower
+        return chain, stop
     spread = displacement_variance(habits)
     by_start = np.argsort(fragments.first, kind="stable")
     starts = fragments.first[by_start]
@@ -228,8 +235,11 @@ def link_fragments(fragments: Fragments, habits: Habits) -> Int[np.ndarray, " k"
         odds.append(value[likely])
     one, two, value = map(np.concatenate, (earlier, later, odds))
     before, after = best_assignment(one, two, value, len(fragments))
-    follower[before] = after
-    return follower
+    stop[before] = fragments.first[after]
+    in_time = np.argsort(fragments.first[before], kind="stable")
+    for fragment, follower in zip(before[in_time], after[in_time], strict=True):
+        chain[follower] = chain[fragment]
+    return chain, stop
 
 
 def best_assignment(
@@ -256,29 +266,6 @@ def best_assignment(
     before, after = min_weight_full_bipartite_matching(edges, maximize=True)
     paired = after < count
     return before[paired], after[paired]
-
-
-def chains(
-    fragments: Fragments, follower: Int[np.ndarray, " k"]
-) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Follow the links from fragment to fragment.
-
-    Args:
-        fragments: the fragments.
-        follower: (K,) the result of `link_fragments`.
-
-    Returns:
-        (K,) first fragment of each fragment's chain, and (K,) the frame before which the fragment
-        ends because its follower begins there.
-    """
-    chain = np.arange(len(fragments))
-    stop = np.full(len(fragments), np.iinfo(np.int64).max)
-    for fragment in np.argsort(fragments.first, kind="stable"):
-        after = follower[fragment]
-        if after >= 0:
-            chain[after] = chain[fragment]
-            stop[fragment] = fragments.first[after]
-    return chain, stop
 
 
 def squared_displacement(

@@ -9,7 +9,7 @@ from jaxtyping import Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from catfree._run._stitch import Fragments, Habits, add_habits, chains, link_fragments
+from catfree._run._stitch import Fragments, Habits, add_habits, link_fragments
 
 Pairs = tuple[Int[np.ndarray, "..."], Int[np.ndarray, "..."]]  # of different lengths
 
@@ -76,7 +76,7 @@ def identify_recording(
     _, person = connected_components(links, directed=False)
     people = _merge(table, person)
     habits = add_habits([summary.habits for summary in summaries])
-    first_of, stop = chains(people, link_fragments(people, habits))
+    first_of, stop = link_fragments(people, habits)
     order = np.lexsort((*people.begin.T[::-1], people.begin_sigma, people.first))
     columns = (table.identity, np.argsort(order)[first_of[person]], stop[person])
     by_shard = [np.split(column, begin[1:-1]) for column in columns]
