@@ -29,14 +29,13 @@ from catfree._run.sharded._receipt import (
     Receipt,
     files_of,
     read_receipt,
+    read_scene_of,
     remove_beyond,
     require_intact,
-    require_scene_file,
 )
 from catfree._run.sharded._run_shard import PLACES
 from catfree._run.sharded._shard import Shard
 from catfree._run.sharded._stored_tracks import StoredPart, StoredTracks, open_tracks, row_of
-from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import (
     StrPath,
     require_folder,
@@ -103,7 +102,7 @@ def join_shards(out: StrPath, plan: Sequence[Shard] | None = None) -> StoredTrac
         _leave_earlier_plan(folder, read_plan(stored).shards, advice)
     receipts = read_receipts(folder)
     first = receipts[0]
-    _, camera_names = read_scene_json(require_scene_file(folder, first.scene_file))
+    _, camera_names = read_scene_of(folder, first.scene_file)
     (folder / MANIFEST).unlink(missing_ok=True)  # its presence means that the table is complete
     summaries = [load_value(files_of(folder, r.index).fragments, ShardSummary) for r in receipts]
     matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]

@@ -8,11 +8,12 @@ from typing import Any
 
 from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._shard import Shard
+from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import StrPath, document_of, write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.settings import Settings
-from catfree.types import Clock
+from catfree.types import Clock, Scene
 from catfree.types._validation import as_number, as_path
 
 SCHEMA = "catfree shards 3"  # for receipts and the tables beside them
@@ -152,22 +153,22 @@ def require_hash(path: Path, sha256: str, advice: str) -> None:
         raise FileFormatError(f"{path} was changed or truncated. {advice}")
 
 
-def require_scene_file(folder: Path, sha256: Any) -> Path:
-    """Return the scene file that the shards of a recording were made with.
+def read_scene_of(folder: Path, sha256: Any) -> tuple[Scene, tuple[str, ...]]:
+    """Read the scene that the shards of a recording were made with, and its camera names.
 
     Args:
         folder: folder of the recording.
         sha256: hash of the file.
 
     Raises:
-        FileFormatError: if the file is missing or has another hash.
+        FileFormatError: if the file is missing, or has another hash or format.
     """
     path = folder / SCENE_FILE
     if not path.is_file() or hash_file(path) != sha256:
         raise FileFormatError(
             f"{path} is not the scene that the shards were made with. Run them again."
         )
-    return path
+    return read_scene_json(path)
 
 
 def write_receipt(path: Path, receipt: Receipt) -> None:

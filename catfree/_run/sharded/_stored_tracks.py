@@ -14,10 +14,9 @@ from catfree._run.sharded._from_json import from_json
 from catfree._run.sharded._receipt import (
     MANIFEST,
     MANIFEST_SCHEMA,
+    read_scene_of,
     require_hash,
-    require_scene_file,
 )
-from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import StrPath, document_of, require_folder
 from catfree.adapters.tables._parquet import open_dataset
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
@@ -145,7 +144,7 @@ def open_tracks(out: StrPath) -> StoredTracks:
         if not parts:
             raise InvalidInputError("it lists no parts")
         people, sha256 = int(document["people"]), document["scene_file"]
-    scene, names = read_scene_json(require_scene_file(folder, sha256))
+    scene, names = read_scene_of(folder, sha256)
     for part in parts:
         if not os.path.isfile(part.path):  # also False if the name is too long
             raise FileFormatError(f"{part.path} is missing. Join the shards again.")
