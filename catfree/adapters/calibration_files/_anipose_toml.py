@@ -3,7 +3,6 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -58,7 +57,8 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     names, cameras = [], []
     with naming_file(path):
         for key, camera in document.items():
-            if not _is_camera(camera):
+            keys = camera if isinstance(camera, dict) else ()
+            if {"matrix", "rotation", "translation"}.isdisjoint(keys):
                 continue
             where = f"camera [{shortened(key)}]"
             fisheye = camera.get("fisheye", False)
@@ -119,7 +119,3 @@ def write_anipose_toml(
             "",
         ]
     return write_text_atomically(path, "\n".join([*lines, "[metadata]", ""]))
-
-
-def _is_camera(value: Any) -> bool:
-    return isinstance(value, dict) and not {"matrix", "rotation", "translation"}.isdisjoint(value)
