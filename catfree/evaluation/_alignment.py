@@ -175,7 +175,7 @@ class PositionAlignment:
     """Position errors before and after an alignment on the people themselves.
 
     Attributes:
-        similarity: 2-D transform from predicted to true x, y.
+        similarity: 2-D transform from predicted to true x, y, as NumPy arrays of float64.
         rows: (P, 4) the transformed predictions.
         matched: number of pairs in the fit.
         rms_before: root mean square distance of those pairs in meters.
@@ -235,7 +235,7 @@ def align_positions(
         similarity = fit_similarity(source, target, fixed_scale=fixed_scale)
         moved = np.asarray(similarity(sequence.predicted[:, 2:]))
     return PositionAlignment(
-        similarity=similarity,
+        similarity=jax.tree.map(np.asarray, similarity),
         rows=np.column_stack([sequence.predicted[:, :2], moved]),
         matched=len(truth),
         rms_before=float(np.sqrt(((source - target) ** 2).sum(axis=1).mean())),

@@ -2,6 +2,7 @@
 
 import json
 import math
+import warnings
 
 import jax
 import numpy as np
@@ -178,6 +179,15 @@ def test_without_double_precision_it_is_accurate_to_a_millimetre():
         )
         assert result.values.max() < 1e-3
         assert result.held_out_centre_error.max() < 1e-3
+
+
+@given(st.booleans(), st.floats(-0.1, 0.1))
+def test_a_similarity_between_people_moves_other_points_without_a_warning(wide, shift):
+    rows = np.array([[0, 1, 0, 0], [0, 2, 3, 4], [1, 1, 5, 0]], float)
+    with jax.enable_x64(wide), warnings.catch_warnings(action="error"):
+        similarity = evaluation.align_positions(rows, rows + np.array([0, 0, shift, 0])).similarity
+        moved = similarity.inverse()(similarity(rows[:, 2:]))
+    np.testing.assert_allclose(moved, rows[:, 2:], atol=1e-5)
 
 
 def test_positions_without_partners_are_refused():
