@@ -15,8 +15,8 @@ from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import require_shape
 
 # A point is in front of a camera if its depth is more than this share of its distance. Below it
-# (89.99 degrees off the axis) no pinhole image exists and powers of the radius overflow float32.
-FRONT_SHARE = 1e-4
+# (89.4 degrees off the axis) is no pinhole image, and derivatives of a lens overflow float32.
+FRONT_SHARE = 1e-2
 # Places between the axis and a point, evenly spaced in angle, at which the lens must not fold.
 FOLD_SAMPLES = 16
 SMALLEST_DENOMINATOR = 1e-3  # of the rational model: its pole is far outside the image
@@ -158,7 +158,8 @@ def project(
         distortion: (5,) or (8,) OpenCV coefficients, or None for a pinhole.
 
     Returns:
-        pixel: (2,) in original image pixels; finite but meaningless where depth is not positive.
+        pixel: (2,) in original image pixels; finite, but meaningless where depth is not positive,
+            and far outside the image within 0.6 degrees of the camera's plane.
         depth: () coordinate along the optical axis in scene units, negative behind the camera.
 
     Raises:
@@ -216,7 +217,7 @@ def from_pixel(K: Float[Array, "3 3"], pixel: Float[Array, "2"]) -> Float[Array,
 
 def _normalize(point: Float[Array, "3"]) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
     """Compute (2,) x/z, y/z of a point, and whether it is in front of the camera."""
-    depth, distance = point[2], safe_norm(point)
-    in_front = depth > FRONT_SHARE * distance
-    # Elsewhere divide by the distance: finite, though meaningless.
-    return point[:2] / jnp.where(in_front, depth, jnp.where(distance > 0, distance, 1)), in_front
+    depth, least = point[2], FRONT_SHARE * safe_norm(point)
+    in_front = depth > least
+    # Elsewhere divide by the least depth: finite, and beside the camera outside of any image.
+    return point[:2] / jnp.where(in_front, depth, jnp.where(least > 0, least, 1)), in_front

@@ -29,6 +29,7 @@ back_project_jacobian = jax.jit(jax.jacrev(geometry.back_project, 1))
 distort_jacobian = jax.jit(jax.jacfwd(geometry.distort))
 pinhole_ray = jax.jit(camera.pinhole_ray)
 pinhole_pixel = jax.jit(camera.pinhole_pixel)
+project_slopes = jax.jit(jax.jacfwd(lambda *of: geometry.project(*of)[0], 3))
 pixel_jacobian = jax.jit(jax.jacrev(lambda *of: camera.pinhole_pixel(*of)[0], 1))
 
 rotation_vectors = hnp.arrays(np.float64, 3, elements=st.floats(-3, 3))
@@ -139,6 +140,19 @@ def test_points_beside_and_behind_a_camera_project_to_something_finite(point):
     assert depth == point[2]
     jacobian, _ = project_jacobian(k, one, zero, point, lens)
     assert np.isfinite(jacobian).all()
+
+
+@given(st.floats(-6, 0), st.floats(-3.2, 3.2), st.floats(0.1, 100))
+def test_points_beside_a_camera_are_outside_its_image_with_finite_slopes(exponent, turn, distance):
+    """Half a sphere of points, in which most are near the plane of the camera."""
+    depth = 10**exponent
+    beside = np.sqrt(1 - depth**2) * np.array([np.cos(turn), np.sin(turn)])
+    point = (distance * np.array([*beside, depth])).astype(np.float32)
+    one, zero = np.eye(3, dtype=np.float32), np.zeros(3, np.float32)
+    (x, y), _ = project(one, one, zero, point)
+    assert np.hypot(x, y) >= (1 - 1e-3) * min(np.hypot(*beside) / depth, 99)
+    kinect = np.array([8.5, 3.2, 0, 0, 0.1, 8.9, 6.1, 0.9], np.float32)
+    assert np.isfinite(project_slopes(one, one, zero, point, kinect)).all()
 
 
 @pytest.mark.parametrize("count", [4, 6, 12])
