@@ -102,7 +102,7 @@ def refine(
 
     Raises:
         InvalidInputError: if a detection's camera is not in the rig, a camera is not a pinhole, two
-            cameras have the same boxes, or `rounds` is negative.
+            registered cameras have the same boxes, or `rounds` is negative.
         InsufficientDataError: if fewer than three cameras are registered, they have no confident
             boxes, or no person is seen by three cameras.
 
@@ -122,7 +122,6 @@ def refine(
             f"Refinement needs people seen by {CAMERAS} cameras, but only "
             f"{int(scene.rig.registered.sum())} of {scene.rig.camera_count} cameras are registered."
         )
-    require_different_cameras(detections.frame, detections.camera, detections.box)
     keep = is_confident(detections, settings.confidence)
     keep = keep & scene.rig.registered[detections.camera]
     if not keep.any():
@@ -131,6 +130,7 @@ def refine(
             f"Settings.confidence ({settings.confidence:g}). Check that they belong to the scene."
         )
     detections = detections[keep]
+    require_different_cameras(detections.frame, detections.camera, detections.box)
     if settings.method == "evidence":
         return refine_by_evidence(detections, scene, settings, rounds, report)
     frames = evenly_spread(np.unique(detections.frame), MOST_FRAMES)

@@ -204,7 +204,7 @@ def check(
         localization: the result of `localize` for these detections and this scene, if known.
         silent: (K, 2) frame and camera of missing pictures, as for `localize`; if `localization` is
             given, it must have been made with them.
-        camera_names: names for advice about other cameras.
+        camera_names: names for error messages and advice about other cameras.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
@@ -212,19 +212,20 @@ def check(
 
     Raises:
         InvalidInputError: if the arguments do not match, there are no boxes before `since` or none
-            from it on, two cameras have the same boxes, many boxes of a camera are outside its
-            image, the number of names differs from that of cameras, or a picture of `silent` has a
-            box.
+            from it on, two registered cameras have the same boxes, many boxes of one are
+            outside its image, the number of names differs from that of cameras, or a picture of
+            `silent` has a box.
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
     require_scene(scene)
     require_instance(detections, Detections, "detections")
     since = require_since(since, detections)
-    require_different_cameras(detections.frame, detections.camera, detections.box)
     require_known_cameras(detections.camera, scene.rig.camera_count)
     require_names(camera_names, scene.rig.camera_count)
-    require_boxes_in_images(detections.camera, detections.box, scene.rig.image_size)
+    used = detections[scene.rig.registered[detections.camera]]
+    require_different_cameras(used.frame, used.camera, used.box, camera_names)
+    require_boxes_in_images(used.camera, used.box, scene.rig.image_size, camera_names)
     sights, course, seconds, alpha = watch(
         scene,
         detections,

@@ -1,5 +1,8 @@
 """Verdicts on simulated recordings with an event at a known time."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -156,19 +159,40 @@ def test_a_trusted_frame_needs_boxes_before_it_and_from_it_on(world, quiet):
         check(world.true_scene, cf.Detections([], [], np.zeros((0, 4))), since=1)
 
 
-def test_a_video_read_twice_is_refused_before_any_work(world, quiet):
-    kept = quiet[quiet.camera != 3]
-    copy = quiet[quiet.camera == 0]
+@pytest.fixture(scope="module")
+def twice(quiet):
+    """The boxes of a camera in place of those of another one."""
+    kept, copy = quiet[quiet.camera != 3], quiet[quiet.camera == 0]
     columns = {
         name: np.concatenate([getattr(kept, name), getattr(copy, name)])
         for name in ("frame", "camera", "box")
     }
     columns["camera"][len(kept) :] = 3
-    twice = cf.Detections(**columns)
+    return cf.Detections(**columns)
+
+
+def test_a_video_read_twice_is_refused_before_any_work(world, twice):
     with pytest.raises(InvalidInputError, match="Cameras 0 and 3 have the same"):
         check(world.true_scene, twice)
-    with pytest.raises(InvalidInputError, match="Cameras 'a' and 'd' have the same"):
-        cf.calibrate(twice, (1920, 1080), camera_names=list("abcde"))
+    for judge in (
+        partial(check, world.true_scene, twice),
+        partial(cf.calibrate, twice, (1920, 1080)),
+    ):
+        with pytest.raises(InvalidInputError, match="Cameras 'a' and 'd' have the same"):
+            judge(camera_names=list("abcde"))
+
+
+@pytest.mark.slow
+def test_boxes_of_a_camera_that_is_not_registered_do_not_matter(world, twice):
+    """A camera that is known to be wrong is left out in this way."""
+    scene, size = world.true_scene, np.array([[1920, 1080]] * 5)
+    size[3] = 320, 240
+    registered = [True, True, True, False, True]
+    partial_scene = replace(scene, rig=replace(scene.rig, registered=registered, image_size=size))
+    others = twice[twice.camera != 3]
+    assert str(check(partial_scene, twice)) == str(check(partial_scene, others))
+    refined, expected = (cf.refine(boxes, partial_scene, rounds=1) for boxes in (twice, others))
+    np.testing.assert_array_equal(refined.scene.rig.t, expected.scene.rig.t)
 
 
 def test_boxes_without_frame_numbers_are_refused_before_any_work(world, quiet):
