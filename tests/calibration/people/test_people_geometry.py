@@ -117,12 +117,12 @@ def test_voting_finds_a_planted_motion(angle, x, y, seed):
     target = walkers(seed)
     moved = turn(target.xy - np.array([x, y]), -angle)
     source = GroundMap(moved, target.covariance, target.height, target.height_sd, target.valid)
-    found = vote(target, source, SETTINGS, 3)
-    headings = [np.cos(placement.angle - angle) for _, placement in found]
-    _, best = found[int(np.argmax(headings))]
-    assert max(headings) > np.cos(3 * SETTINGS.voting_angle)
-    middle = turn(source.xy[source.valid].mean(0), float(best.angle)) + best.translation
-    assert np.linalg.norm(middle - target.xy[target.valid].mean(0)) < 2 * SETTINGS.voting_cell
+    # A stray placement may have more votes, but the evidence is compared later.
+    errors = [
+        np.linalg.norm(turn(moved, best.angle) + best.translation - target.xy, axis=-1).mean()
+        for _, best in vote(target, source, SETTINGS, 3)
+    ]
+    assert min(errors) < SETTINGS.voting_cell
 
 
 @pytest.mark.slow
@@ -133,6 +133,20 @@ def test_a_crowd_is_not_taken_for_its_neighbors(angle, x, y, seed):
     (_, best), *_ = vote(people, replace(people, xy=source), SETTINGS, 3)
     off = np.linalg.norm(turn(source, best.angle) + best.translation - people.xy, axis=-1)
     assert np.median(off) < 2 * SETTINGS.voting_cell / FINER  # votes are blurred over two bins
+
+
+@given(st.integers(-8, 8), st.integers(-8, 8))
+def test_bins_with_equal_votes_are_one_placement(x, y):
+    # Two people who stand 3 m apart vote for two placements, each with equal votes in many bins.
+    xy = np.tile([[[0.5, 0.5], [3.5, 0.5]]], (9, 1, 1))
+    covariance = np.broadcast_to(0.01 * np.eye(2), (9, 2, 2, 2))
+    known = np.full((9, 2), 1.7), np.full((9, 2), 0.05), np.arange(18).reshape(9, 2) < 9
+    target = GroundMap(xy, covariance, *known)
+    found = vote(target, replace(target, xy=xy - np.array([x, y])), SETTINGS, 4)
+    places = [(placement.angle, *placement.translation) for _, placement in found]
+    apart = np.ptp(np.array(places)[:, None] - places, axis=-1)
+    assert len(found) >= 2
+    assert apart[~np.eye(len(found), dtype=bool)].min() > 1e-6
 
 
 visits = st.lists(st.tuples(st.integers(0, 12), st.integers(-2, 1), st.integers(-1, 0)))

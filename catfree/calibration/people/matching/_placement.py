@@ -20,7 +20,6 @@ from catfree.settings import CalibrationSettings
 FINER = 4  # narrow bins per bin
 SHARPENED = 2  # bins around a placement where narrow bins vote: those blurred into it
 NEAR_BINS = 2.5  # bins of the vote; nearer placements count as one
-NEIGHBORS = 5  # bins along each axis of which a placement has the most votes
 VOTES_AT_A_TIME = 2**16  # fits a cache
 LONGEST_ABSENCE = 3  # voting frames; after more, a pair in the same places is a new stay
 CANDIDATES = 4  # placements of a vote to compare by their evidence
@@ -92,7 +91,8 @@ def vote(
     heading = np.arange(turns + 1) * 2 * np.pi / turns
     bins = _Bins(heading, settings.voting_cell, _reach(target, source, settings))
     score = _score(target, source, bins, settings)
-    peaks = score == maximum_filter(score, NEIGHBORS, mode=("wrap", "nearest", "nearest"))
+    score -= np.linspace(0, 1e-9, score.size).reshape(score.shape)  # the first of equal bins
+    peaks = score == maximum_filter(score, size=round(2 * NEAR_BINS), mode="wrap")
     best = np.flatnonzero(peaks & (score > 0))
     best = best[np.argsort(-score.flat[best], kind="stable")[:count]]
     placements = [bins.placement(score.shape, int(index)) for index in best]
