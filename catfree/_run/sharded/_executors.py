@@ -4,6 +4,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from pathlib import Path
 from typing import Any
 
 from catfree._run.sharded._join import join_shards
@@ -22,6 +23,7 @@ from catfree.types._processes import processor_count
 from catfree.types._validation import as_count, as_instances, as_path, require_instance
 
 MEMORY_PER_WORKER = 1.5e9  # bytes for a shard of ten minutes
+MEMORY = "/proc/meminfo"  # of Linux
 RETRIES = 2  # of a shard whose Dask worker died
 
 RecordingKey = tuple[str, str]  # site and date
@@ -178,13 +180,17 @@ def require_not_forking(executor: Executor) -> None:
 
 
 def default_workers() -> int:
-    """Return the number of worker processes that processors and free memory allow."""
+    """Return the number of worker processes that processors and available memory allow.
+
+    Memory that holds copies of files is available, though not free.
+    """
     processors = processor_count()
     try:
-        memory = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):  # not known on this system
+        lines = dict(line.split(":") for line in Path(MEMORY).read_text().splitlines())
+        available = 1024 * int(lines["MemAvailable"].split()[0])
+    except (OSError, ValueError, LookupError):  # not known on this system
         return processors
-    return max(1, min(processors, int(memory / MEMORY_PER_WORKER)))
+    return max(1, min(processors, int(available / MEMORY_PER_WORKER)))
 
 
 def error_of(task: Future[Any], name: str) -> CatFreeError | None:

@@ -318,3 +318,16 @@ def test_workers_get_the_flags_of_xla_that_this_process_has(monkeypatch):
 
 def test_workers_fit_the_machine():
     assert 1 <= module.default_workers() <= (os.cpu_count() or 1)
+
+
+@pytest.mark.parametrize(
+    ("available", "expected"), [("46000000", 31), ("4500000", 3), ("90000", 1), (None, 32)]
+)
+def test_workers_fit_the_available_memory_whatever_files_are_cached(
+    tmp_path, monkeypatch, available, expected
+):
+    stated = "" if available is None else f"MemAvailable:   {available} kB\n"
+    (tmp_path / "meminfo").write_text(f"MemTotal:  64000000 kB\nMemFree:    100000 kB\n{stated}")
+    monkeypatch.setattr(module, "MEMORY", str(tmp_path / "meminfo"))
+    monkeypatch.setattr(module, "processor_count", lambda: 32)
+    assert module.default_workers() == expected
