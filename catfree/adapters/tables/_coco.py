@@ -127,7 +127,8 @@ def _boxes(
         )
     if score and len(score) < len(frame):
         raise FileFormatError("some boxes have a score, but not all.")
-    sizes = {image.camera: image.size for image in (images_by_id or {}).values()}
+    listed = sorted((images_by_id or {}).values(), key=lambda image: image.size is not None)
+    sizes = {image.camera: image.size for image in listed}  # some images may not state it
     ordered = sorted({*sizes, *camera}, key=natural_order)
     index = {name: at for at, name in enumerate(ordered)}
     detections = Detections(

@@ -398,6 +398,11 @@ def test_images_of_one_camera_have_one_size(tmp_path):
     path = tmp_path / "a.json"
     path.write_text(json.dumps({"images": images, "annotations": []}))
     np.testing.assert_array_equal(read_coco(path).image_size, [[100, 50], [200, 100]])
+    # An image may leave its size to the others of its camera, in any order.
+    unsized = [{key: image[key] for key in ("id", "file_name")} for image in images]
+    for listed in ([*images[:2], *unsized[2:]], [*unsized[:2], *images[2:]]):
+        path.write_text(json.dumps({"images": listed, "annotations": []}))
+        np.testing.assert_array_equal(read_coco(path).image_size, [[100, 50], [200, 100]])
     images[2] |= {"width": 200}
     path.write_text(json.dumps({"images": images, "annotations": []}))
     with pytest.raises(FileFormatError, match=r"image 2 .*'a/2\.png'.* is 200 x 50 px.*100 x 50"):
