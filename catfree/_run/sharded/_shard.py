@@ -233,7 +233,8 @@ def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -
     elif len(detections):
         first, stop = int(detections.frame.min()), int(detections.frame.max()) + 1
     else:
-        raise InvalidInputError(f"{name} hold no boxes, so there is nothing to cut into shards.")
+        hold = "hold" if isinstance(boxes, Detections) else "holds"
+        raise InvalidInputError(f"{name} {hold} no boxes, so there is nothing to cut into shards.")
     if frame_rate is not None:
         rate = as_positive(frame_rate, "frame_rate")
         clock = Clock(rate) if clock is None else replace(clock, frame_rate=rate)
