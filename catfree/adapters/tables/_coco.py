@@ -44,7 +44,6 @@ class _Image(NamedTuple):
     camera: str
     frame: int
     name: str | int
-    size: tuple[int, int] | None = None
 
 
 def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
@@ -70,20 +69,23 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     """
     document = read_json(path, "boxes in COCO's form")
     described = document if isinstance(document, dict) else None
-    images_by_id = None
+    images_by_id, sizes = None, {}
     if images is not None:
         described = read_json(images, "images in COCO's form")
     if described is not None:
         with naming_file(images or path):
-            images_by_id = _images(described)
+            images_by_id, sizes = _images(described)
     with naming_file(path):
         rows = entry(document, "annotations") if isinstance(document, dict) else document
         rows = list_of(rows, "the boxes in COCO's form")
-        return _boxes(rows, images_by_id, _people(described))
+        return _boxes(rows, images_by_id, sizes, _people(described))
 
 
 def _boxes(
-    rows: list[Any], images_by_id: dict[Any, _Image] | None, categories: Sequence[Any]
+    rows: list[Any],
+    images_by_id: dict[Any, _Image] | None,
+    sizes: dict[str, tuple[int, int]],
+    categories: Sequence[Any],
 ) -> CocoBoxes:
     """Take the boxes of people; without a data set, the boxes name their images."""
     frame, camera, corners, score = [], [], [], []
@@ -127,9 +129,8 @@ def _boxes(
         )
     if score and len(score) < len(frame):
         raise FileFormatError("some boxes have a score, but not all.")
-    listed = sorted((images_by_id or {}).values(), key=lambda image: image.size is not None)
-    sizes = {image.camera: image.size for image in listed}  # some images may not state it
-    ordered = sorted({*sizes, *camera}, key=natural_order)
+    listed = {image.camera for image in (images_by_id or {}).values()}
+    ordered = sorted({*listed, *camera}, key=natural_order)
     index = {name: at for at, name in enumerate(ordered)}
     detections = Detections(
         np.array(frame, np.int64),
@@ -165,7 +166,8 @@ def _people(document: dict[str, Any] | None) -> Sequence[Any]:
     return people or (PERSON,)
 
 
-def _images(document: Any) -> dict[Any, _Image]:
+def _images(document: Any) -> tuple[dict[Any, _Image], dict[str, tuple[int, int]]]:
+    """Read the images by id, and the size of each camera whose images state one."""
     images_by_id: dict[Any, _Image] = {}
     first_of: dict[tuple[str, int], _Image] = {}
     sizes: dict[str, tuple[int, int]] = {}
@@ -183,7 +185,6 @@ def _images(document: Any) -> dict[Any, _Image]:
                     f"the size of {where} is {quoted(pair)}, not two whole numbers."
                 )
             size = (int(pair[0]), int(pair[1]))
-            image = image._replace(size=size)
             first = sizes.setdefault(image.camera, size)
             if size != first:
                 raise FileFormatError(
@@ -199,7 +200,7 @@ def _images(document: Any) -> dict[Any, _Image]:
                 f"the images {quoted(other.name)} and {quoted(name)} have the same id, "
                 f"{quoted(key)}, so boxes of it could be of either. Give each image its own id."
             )
-    return images_by_id
+    return images_by_id, sizes
 
 
 def _require_own_place(first_of: dict[tuple[str, int], _Image], image: _Image) -> None:
