@@ -15,7 +15,7 @@ from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import require_shape
 
 # A point is in front of a camera if its depth is more than this share of its distance. Below it
-# (89.4 degrees off the axis) is no pinhole image, and derivatives of a lens overflow float32.
+# (89.4 degrees off the axis) no pinhole image exists, and derivatives of a lens overflow float32.
 FRONT_SHARE = 1e-2
 # Places between the axis and a point, evenly spaced in angle, at which the lens must not fold.
 FOLD_SAMPLES = 16
