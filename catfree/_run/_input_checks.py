@@ -29,7 +29,7 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._video_sources import ImageFolder
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import offset_for
-from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
+from catfree.calibration.watching import estimate_clocks
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings, Settings
@@ -416,7 +416,7 @@ def clock_warnings(
         )
     except InsufficientDataError:
         return ()
-    offset = clocks.whole_offsets(step, WHOLE_FRAME)
+    offset = clocks.whole_offsets(step)
     return tuple(
         f"Camera {quoted(videos.camera_names[c])} seems to have "
         f"{_started(int(offset[c]), detections.clock)}: with that shift its people match theirs "

@@ -17,7 +17,7 @@ from catfree.calibration.people import (
     remove_offsets,
     without_camera,
 )
-from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
+from catfree.calibration.watching import estimate_clocks
 from catfree.errors import CalibrationError, InsufficientDataError
 from catfree.settings import Settings
 from catfree.types import Detections
@@ -28,7 +28,6 @@ from catfree.types._validation import shown_camera
 FEWEST_TO_JUDGE = 3  # of three cameras, two that agree expose the third
 RESTING = 0.2  # standard deviations; a smaller move adds two percent to a camera's error
 ROUNDS = 6  # a rig absorbs part of a lag, which shows only after the rest is corrected
-AGAIN = 0.5  # replaces `WHOLE_FRAME` for a camera that was late before
 GAIN = 0.02  # relative difference of `_information` below which rigs count as equal
 
 
@@ -84,8 +83,7 @@ class EvidenceLoop:
                 clocks = estimate_clocks(calibration.scene, detections, settings=settings)
             except InsufficientDataError:
                 break
-            smallest = np.where(calibration.frame_offset == 0, WHOLE_FRAME, AGAIN)
-            offset = clocks.whole_offsets(step, smallest)
+            offset = clocks.whole_offsets(step)
             if not offset.any():
                 break
             detections = remove_offsets(detections, offset)

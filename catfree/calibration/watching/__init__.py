@@ -7,7 +7,6 @@ from catfree.calibration.watching._check import (
     check as check,
 )
 from catfree.calibration.watching._estimate_clocks import (
-    WHOLE_FRAME as WHOLE_FRAME,
     ClockJump as ClockJump,
     Clocks as Clocks,
     estimate_clocks as estimate_clocks,

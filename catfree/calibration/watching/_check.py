@@ -10,7 +10,6 @@ from jaxtyping import Float, Int
 from scipy.special import ndtri
 
 from catfree.calibration.watching._changes import Course, as_turns, columns_of, lost_since
-from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
 from catfree.calibration.watching._sights import LAG, PARAMETERS, TURN, Sights, linear
 from catfree.calibration.watching._swapped import FEWEST_EXPECTED, swapped_cameras
 from catfree.calibration.watching._time_of_change import time_of_change
@@ -300,7 +299,7 @@ class _Judge:
         pixels, ground = self._displacement(camera, turn)
         chance = float(-ndtri(self.alpha / 2))
         off = ground / sights.unit if angle > chance * angle_sd else 0.0
-        is_late = abs(lag) > max(WHOLE_FRAME, chance * lag_sd)
+        is_late = abs(lag) > 0.5 + chance * lag_sd
         unmeasured = self._without_people(camera)
         outcome = unmeasured or self._from_errors(turns, jumps, off, is_late=is_late)
         matched, expected, _, _ = self._counts(camera)

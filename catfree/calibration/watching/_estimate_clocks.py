@@ -15,9 +15,7 @@ from catfree.types._annotations import Progress
 from catfree.types._sampling import frame_step
 
 WINDOW = 10.0  # seconds, at most, because clocks drift within a window
-# Of a frame; whole frames hardly correct smaller lags.
-WHOLE_FRAME = 0.75
-SURE = 4.0  # standard deviations from 0 for an offset to count as certain
+SURE = 4.0  # standard deviations from half a step for a lag to count as more than that
 
 
 class ClockJump(NamedTuple):
@@ -72,24 +70,22 @@ class Clocks:
             lag[:, jump.camera] += jump.frames * (at[:, 0] >= jump.frame)
         return lag
 
-    def whole_offsets(
-        self, step: int, least: Float[np.ndarray, "#cam"] | float
-    ) -> Int[np.ndarray, " cam"]:
-        """Round the lags in the middle of the recording that are certainly not 0 to whole frames.
+    def whole_offsets(self, step: int) -> Int[np.ndarray, " cam"]:
+        """Round the lags in the middle of the recording that certainly exceed half a step.
 
         Args:
             step: frame numbers from one frame to the next.
-            least: smallest lag in steps, more than half a step; for each camera or for all.
 
         Returns:
-            (C,) frame numbers to subtract, as `remove_offsets` does; 0 where a lag is uncertain.
+            (C,) frame numbers to subtract, as `remove_offsets` does; 0 where a lag is smaller or
+            uncertain.
         """
         middle = round(self.frame)
         lag = np.nan_to_num(self.lag(np.array([middle]))[0])
         variance = np.nan_to_num(self.offset_sd) ** 2
         for jump in self.jumps:
             variance[jump.camera] += jump.frames_sd**2 * (jump.frame <= middle)
-        sure = np.abs(lag) > np.maximum(least * step, SURE * np.sqrt(variance))
+        sure = np.abs(lag) > step / 2 + SURE * np.sqrt(variance)
         return step * np.rint(np.where(sure, lag, 0.0) / step).astype(np.int64)
 
     def correct(self, detections: Detections) -> Detections:

@@ -59,20 +59,19 @@ def test_three_people_tell_of_a_camera_that_is_late_by_many_frames(seed):
     assert (np.abs(clocks.offset - expected) <= 4 * clocks.offset_sd + 1e-9).all()
 
 
-def test_whole_offsets_are_sure_and_large_enough():
-    offset = np.array([0.0, 7.4, -13.0, 40.0, np.nan])
-    offset_sd = np.array([0.1, 0.1, 0.1, 10.0, np.nan])
-    clocks = Clocks(offset, offset_sd, np.zeros(5), np.zeros(5), (), 0.0, 0)
-    np.testing.assert_array_equal(clocks.whole_offsets(5, 0.75), [0, 5, -15, 0, 0])
-    least = np.array([0.75, 1.5, 0.75, 0.75, 0.75])
-    np.testing.assert_array_equal(clocks.whole_offsets(5, least), [0, 0, -15, 0, 0])
+def test_a_lag_is_corrected_if_it_is_certainly_more_than_half_a_step():
+    offset = np.array([0.0, 7.4, -13.0, 40.0, np.nan, 2.8, -3.0])
+    offset_sd = np.array([0.1, 0.1, 0.1, 10.0, np.nan, 0.1, 0.1])
+    rate = np.zeros(7)
+    clocks = Clocks(offset, offset_sd, rate, rate, (), 0.0, 0)
+    np.testing.assert_array_equal(clocks.whole_offsets(5), [0, 5, -15, 0, 0, 0, -5])
     # A jump takes effect at its frame.
     jumps = tuple(ClockJump(1, frame, 1.0, 20.0, 0.5) for frame in (99, 101))
-    jumped = Clocks(offset, offset_sd, np.zeros(5), np.zeros(5), jumps, 100.0, 0)
-    np.testing.assert_array_equal(jumped.whole_offsets(5, 0.75), [0, 25, -15, 0, 0])
+    jumped = Clocks(offset, offset_sd, rate, rate, jumps, 100.0, 0)
+    np.testing.assert_array_equal(jumped.whole_offsets(5), [0, 25, -15, 0, 0, 0, -5])
     unsure = (ClockJump(1, 99, 1.0, 20.0, 7.0),)
-    unsure = Clocks(offset, offset_sd, np.zeros(5), np.zeros(5), unsure, 100.0, 0)
-    np.testing.assert_array_equal(unsure.whole_offsets(5, 0.75), [0, 0, -15, 0, 0])
+    unsure = Clocks(offset, offset_sd, rate, rate, unsure, 100.0, 0)
+    np.testing.assert_array_equal(unsure.whole_offsets(5), [0, 0, -15, 0, 0, 0, -5])
 
 
 def test_corrected_numbers_are_those_of_the_reference():
