@@ -172,9 +172,14 @@ class Rig(eqx.Module):
 
     @property
     def centers(self) -> Float[HostOrDevice, "cam 3"]:
-        """(C, 3) camera centers `-Rᵀ t` in world coordinates."""
+        """(C, 3) camera centers in world coordinates, where `R x + t = 0`."""
         namespace = np if isinstance(self.R, np.ndarray) else jnp
-        return -namespace.einsum("cji,cj->ci", self.R, self.t)
+        center = namespace.zeros_like(self.t)
+        # `-Rᵀ t`, then two steps: on a map, the rounding of a rotation would move it by meters.
+        for _ in range(3):
+            at_camera = namespace.einsum("cij,cj->ci", self.R, center) + self.t
+            center = center - namespace.einsum("cji,cj->ci", self.R, at_camera)
+        return center
 
     def select(self, cameras: Any) -> "Rig":
         """Select cameras by boolean mask or indices, in that order."""

@@ -1,5 +1,7 @@
 """`Rig`: refused input, its place in errors, and geometry."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -105,6 +107,14 @@ def test_centres_are_where_the_camera_coordinates_vanish():
     rig = Rig(**parameters())
     at_camera = np.einsum("cij,cj->ci", rig.R, rig.centers) + rig.t
     np.testing.assert_allclose(at_camera, 0, atol=1e-12)
+
+
+def test_centers_on_a_map_do_not_depend_on_the_digits_of_rotations():
+    rig = Rig(**parameters())
+    place = np.array([437_000.0, 5_411_000.0, 300.0]) + rig.centers
+    R = np.round(rig.R, 6)
+    on_map = replace(rig, R=R, t=-np.einsum("cij,cj->ci", R, place))
+    np.testing.assert_allclose(on_map.centers, place, rtol=0, atol=1e-6)
 
 
 def test_a_rig_of_jax_arrays_passes_through_jit():
