@@ -453,8 +453,9 @@ def calibration_warnings(
     warnings += calibration.contradictions
     sure = detections[is_confident(detections, calibrating_score(settings))]
     sure = remove_offsets(sure, offset)
+    reach = LONGEST * frame_step(np.unique(sure.frame))
     for camera in np.flatnonzero(~calibration.scene.rig.registered):
-        likely_offset = offset_for(calibration, sure, int(camera), LONGEST, settings.calibration)
+        likely_offset = offset_for(calibration, sure, int(camera), reach, settings.calibration)
         if likely_offset:
             alone = offset.copy()
             alone[camera] = likely_offset

@@ -152,8 +152,9 @@ def run(
         progress: called as `progress(stage, done, total)`.
         scene_names: (C,) names of the scene's cameras, to match videos in another order by name;
             None takes those of the scene's file, data set or run.
-        maximum_offset: largest clock offset of a single camera, in frames, to search and correct
-            before the cameras are found from people; lags of a few frames are always corrected.
+        maximum_offset: largest clock offset, in frames, at which to search for cameras that fit
+            poorly or nowhere, if the cameras are found from people; lags of a few frames are always
+            corrected.
         anchors: independent measurements of the site, if the cameras are found from people; see
             `calibrate`.
         refine: adjust the cameras of `scene` to the people (`cf.refine`), for cameras from a

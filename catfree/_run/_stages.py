@@ -83,14 +83,16 @@ def calibrate_cameras(
     options = {"camera_names": names, "progress": progress}
 
     def begin() -> Calibration:
-        return register(detections, size, rules, maximum_offset=maximum_offset, **options)
+        return register(detections, size, rules, **options)
 
     def compute() -> Calibration:
         # Registration and refinement take equally long, so a killed run repeats only one of them.
-        registered = remembered("registration", begin)
-        return refine_registered(registered, detections, settings, **options)
+        registered = remembered("registration", begin, 0)
+        return refine_registered(
+            registered, detections, settings, maximum_offset=maximum_offset, **options
+        )
 
-    def remembered(stage: str, step: Callable[[], Calibration]) -> Calibration:
+    def remembered(stage: str, step: Callable[[], Calibration], maximum: int) -> Calibration:
         return cached(
             cache,
             stage,
@@ -100,11 +102,12 @@ def calibrate_cameras(
             camera_names=names,
             settings=settings,
             image_size=size.tolist(),
-            maximum_offset=maximum_offset,
+            maximum_offset=maximum,
         )
 
     try:
-        return anchored(remembered("calibration", compute), anchors, rules, camera_names=names)
+        found = remembered("calibration", compute, maximum_offset)
+        return anchored(found, anchors, rules, camera_names=names)
     except CalibrationError as error:
         message = str(error)
         for tiny in tiny_boxes(detections, rules):

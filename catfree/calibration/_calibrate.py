@@ -9,7 +9,6 @@ from catfree.calibration.people import (
     anchored,
     confirm,
     register,
-    remove_offsets,
     resolve_anchors,
     without_vague_cameras,
 )
@@ -20,7 +19,7 @@ from catfree.types import Detections
 from catfree.types._annotations import Progress, as_progress
 from catfree.types._detections import is_confident
 from catfree.types._processes import require_own_process
-from catfree.types._validation import require_instance
+from catfree.types._validation import as_count, require_instance
 
 
 def calibrate(
@@ -37,11 +36,10 @@ def calibrate(
 
     The known range of people's heights yields each camera's tilt, roll, height and a metric map of
     the ground; people seen by two cameras at the same time join the maps. The evidence method then
-    groups the boxes, and its most certain groups refine the rig. A camera that fits far worse than
-    the others is removed and tried at the positions that its boxes allow, most likely first, until
-    more of its boxes fit. Finally, every camera's position is searched again in the refined rig,
-    late cameras are corrected by whole frames if the rig then fits better, and the evidence for
-    each camera is checked again.
+    groups the boxes, and its most certain groups refine the rig. Every camera's position is
+    searched again in the refined rig, and a camera that fits far worse than the others is removed.
+    Finally, late cameras are corrected by whole frames if the rig then fits better, and the
+    evidence for each camera is checked again.
 
     Args:
         detections: (N,) boxes of synchronized static cameras; boxes with a score below
@@ -49,9 +47,9 @@ def calibrate(
         image_size: (2,) width and height in pixels for all cameras, or (C, 2).
         settings: settings of a run, or of the calibration alone; None for the defaults.
         camera_names: names for error messages.
-        maximum_offset: largest clock offset of a single camera, in frames, to search for and
-            correct before cameras are registered; 0 registers them with the given frame numbers.
-            Lags of a few frames are corrected in the refined rig in any case.
+        maximum_offset: largest clock offset, in frames, at which to search for cameras that fit
+            nowhere with the given frame numbers, and for the one that fits worst. Lags of a few
+            frames are corrected in any case.
         anchors: independently known lengths, cameras and points (`KnownDistance`, `KnownCamera`,
             `SurveyedPoint`). Without them the scale rests on the height of the people alone: a
             crowd of children makes all lengths too long, unnoticed.
@@ -78,6 +76,7 @@ def calibrate(
     """
     require_own_process()
     require_instance(detections, Detections, "detections")
+    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
     if not isinstance(settings, Settings):
         rules = CalibrationSettings() if settings is None else settings
         require_instance(rules, CalibrationSettings, "settings")
@@ -90,11 +89,15 @@ def calibrate(
         image_size,
         settings.calibration,
         camera_names=camera_names,
-        maximum_offset=maximum_offset,
         progress=progress,
     )
     calibration = refine_registered(
-        registered, detections, settings, camera_names=camera_names, progress=progress
+        registered,
+        detections,
+        settings,
+        camera_names=camera_names,
+        maximum_offset=maximum_offset,
+        progress=progress,
     )
     return anchored(calibration, anchors, settings.calibration, camera_names=camera_names)
 
@@ -105,6 +108,7 @@ def refine_registered(
     settings: Settings,
     *,
     camera_names: Sequence[str] | None = None,
+    maximum_offset: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
     """Refine a registered rig with the evidence method, the second half of `calibrate`.
@@ -114,6 +118,7 @@ def refine_registered(
         detections: the boxes passed to `register`.
         settings: settings of the evidence method and of the calibration.
         camera_names: as `calibrate`.
+        maximum_offset: as `calibrate`.
         progress: as `calibrate`.
 
     Returns:
@@ -124,7 +129,10 @@ def refine_registered(
     """
     rules, best = settings.calibration, registered
     if rules.evidence_rounds > 0:
-        synchronized = remove_offsets(detections, registered.frame_offset)
-        loop = EvidenceLoop(synchronized, settings, as_progress(progress), camera_names)
-        best = confirm(*loop.synchronized(loop.settle(registered)), rules)
+        loop = EvidenceLoop(detections, settings, as_progress(progress), camera_names)
+        best = loop.settle(registered)
+        if maximum_offset > 0:
+            best = loop.with_late_cameras(best, maximum_offset)
+        best = loop.synchronized(best)
+        best = confirm(best, loop.boxes(best), rules)
     return without_vague_cameras(best, rules, camera_names)

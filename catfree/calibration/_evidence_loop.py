@@ -12,6 +12,8 @@ import numpy as np
 from catfree.calibration._confident_people import confident_people
 from catfree.calibration.people import (
     Calibration,
+    doubtful_cameras,
+    offset_for,
     reconsider,
     refine_with_correspondences,
     remove_offsets,
@@ -36,7 +38,7 @@ class EvidenceLoop:
     """Alternate the evidence method and bundle adjustment on one sequence.
 
     Attributes:
-        detections: (N,) boxes of synchronized cameras.
+        detections: (N,) boxes on the clocks as given.
         settings: settings of the evidence method and of the calibration.
         report: called as `report("refinement", done, rounds)`.
         camera_names: for error messages.
@@ -46,6 +48,10 @@ class EvidenceLoop:
     settings: Settings
     report: Progress
     camera_names: Sequence[str] | None = None
+
+    def boxes(self, calibration: Calibration) -> Detections:
+        """(N,) the boxes on the corrected clocks of a calibration."""
+        return remove_offsets(self.detections, calibration.frame_offset)
 
     def settle(self, calibration: Calibration) -> Calibration:
         """Refine the rig, move every camera to where it fits best, and add missing cameras.
@@ -60,37 +66,65 @@ class EvidenceLoop:
         """
         best = self.refine(calibration)
         for _ in range(len(best.scene.rig.registered)):
-            found = reconsider(best, self.detections, self.settings.calibration)
+            found = reconsider(best, self.boxes(best), self.settings.calibration)
             if found is None:
                 break
             best = self.refine(found)
         return self.without_outliers(best)
 
-    def synchronized(self, calibration: Calibration) -> tuple[Calibration, Detections]:
+    def with_late_cameras(self, calibration: Calibration, maximum: int) -> Calibration:
+        """Place doubtful cameras of a settled rig at the clock offsets at which they fit.
+
+        A camera with a wrong clock fits nowhere, or where it matches other people.
+
+        Args:
+            calibration: a settled rig.
+            maximum: largest offset in frame numbers.
+
+        Returns:
+            The rig, with the offsets included in its `frame_offset`.
+        """
+        rules = self.settings.calibration
+        for camera in doubtful_cameras(calibration, self.boxes(calibration), rules):
+            offset = offset_for(calibration, self.boxes(calibration), camera, maximum, rules)
+            if offset == 0:
+                continue
+            shifted = calibration.frame_offset.copy()
+            shifted[camera] += offset
+            others = replace(without_camera(calibration, camera), frame_offset=shifted)
+            try:
+                found = self.settle(others)
+            except CalibrationError:
+                continue
+            if found.scene.rig.registered[camera]:
+                calibration = found
+        return calibration
+
+    def synchronized(self, calibration: Calibration) -> Calibration:
         """Correct late cameras of a settled rig by whole frames while more boxes then fit better.
 
         Returns:
-            The rig, with the corrections included in its `frame_offset`, and the corrected boxes.
+            The rig, with the corrections included in its `frame_offset`.
         """
-        settings, detections = replace(self.settings, method="evidence"), self.detections
-        step = frame_step(np.unique(detections.frame))
-        kept = calibration, detections
+        settings = replace(self.settings, method="evidence")
+        step = frame_step(np.unique(self.detections.frame))
+        kept = calibration
         least = (1 + GAIN) * _information(calibration)
         for _ in range(ROUNDS):
             if calibration.scene.rig.registered.sum() < FEWEST_TO_JUDGE:
                 break
             try:
-                clocks = estimate_clocks(calibration.scene, detections, settings=settings)
+                boxes = self.boxes(calibration)
+                clocks = estimate_clocks(calibration.scene, boxes, settings=settings)
             except InsufficientDataError:
                 break
             offset = clocks.whole_offsets(step)
             if not offset.any():
                 break
-            detections = remove_offsets(detections, offset)
-            refined = replace(self, detections=detections).refine(calibration)
-            calibration = replace(refined, frame_offset=calibration.frame_offset + offset)
-            if _information(refined) >= least:
-                kept, least = (calibration, detections), _information(refined)
+            corrected = replace(calibration, frame_offset=calibration.frame_offset + offset)
+            calibration = self.refine(corrected)
+            if _information(calibration) >= least:
+                kept, least = calibration, _information(calibration)
         return kept
 
     def without_outliers(self, calibration: Calibration) -> Calibration:
@@ -144,11 +178,12 @@ class EvidenceLoop:
 
     def refine_once(self, calibration: Calibration) -> Calibration | None:
         """Refine in one round; return None if there is too little evidence."""
+        boxes = self.boxes(calibration)
         try:
-            people = confident_people(self.detections, calibration.scene, self.settings.evidence)
+            people = confident_people(boxes, calibration.scene, self.settings.evidence)
             return refine_with_correspondences(
                 calibration,
-                self.detections,
+                boxes,
                 people.member,
                 self.settings.calibration,
                 box_sd=people.box_sd,

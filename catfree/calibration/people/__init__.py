@@ -3,6 +3,7 @@
 from catfree.calibration.people._anchored import anchored as anchored
 from catfree.calibration.people._camera_search import (
     confirm as confirm,
+    doubtful_cameras as doubtful_cameras,
     offset_for as offset_for,
     reconsider as reconsider,
     without_camera as without_camera,

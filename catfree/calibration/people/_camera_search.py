@@ -20,6 +20,7 @@ from catfree.calibration.people.matching._verdict import (
     PlacementVerdict,
     judge_camera,
     judge_cameras,
+    weakest,
 )
 from catfree.calibration.people.matching._workspace import Workspace, prepare
 from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
@@ -67,6 +68,22 @@ def without_camera(calibration: Calibration, camera: int) -> Calibration:
     return _with_cameras(calibration, _state(calibration.scene.rig).without_camera(camera), {})
 
 
+def doubtful_cameras(
+    calibration: Calibration, detections: Detections, settings: CalibrationSettings
+) -> list[int]:
+    """Find the cameras whose clocks may be wrong: missing ones, and the weakest of three or more.
+
+    Args:
+        calibration: a refined rig.
+        detections: (N,) the boxes it was made from.
+        settings: constants.
+    """
+    work, state = _resume(calibration, detections, settings)
+    verdicts, _ = judge_cameras(work, state)
+    missing = np.flatnonzero(~state.placed & work.useful).tolist()
+    return [*missing, weakest(verdicts)] if len(verdicts) > 2 else missing
+
+
 def offset_for(
     calibration: Calibration,
     detections: Detections,
@@ -74,13 +91,13 @@ def offset_for(
     maximum: int,
     settings: CalibrationSettings,
 ) -> int:
-    """Find the clock offset at which a missing camera can be placed.
+    """Find the clock offset at which a camera fits the others, clearly better than where it is.
 
     Args:
-        calibration: a rig without the camera.
+        calibration: a rig with or without the camera.
         detections: (N,) the boxes it was made from.
         camera: index of the camera.
-        maximum: largest offset to try, in instants.
+        maximum: largest offset to try, in frame numbers.
         settings: constants.
 
     Returns:
@@ -89,8 +106,13 @@ def offset_for(
     work, state = _resume(calibration, detections, settings)
     if not work.useful[camera]:
         return 0
-    _, shift = offset_of_unplaced(work, state, camera, maximum)
-    return shift * frame_step(work.grid.frames)
+    step = frame_step(work.grid.frames)
+    rest = state.without_camera(camera)
+    margin, shift = offset_of_unplaced(work, rest, camera, maximum // step)
+    if state.placed[camera]:
+        current = judge_camera(work, work.grid, state, camera)
+        shift *= margin > current.margin + settings.minimum_margin
+    return shift * step
 
 
 def confirm(

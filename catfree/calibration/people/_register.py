@@ -13,7 +13,6 @@ from catfree.calibration.people.anchors._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, scene_of, usual_focal
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_deviation
 from catfree.calibration.people.matching._workspace import Workspace, prepare
-from catfree.calibration.people.search._clock_offsets import find_offsets
 from catfree.calibration.people.search._growth import AdjustedRig
 from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
@@ -22,7 +21,6 @@ from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, as_progress
 from catfree.types._validation import (
-    as_count,
     as_integer,
     require_boxes_in_images,
     require_different_cameras,
@@ -67,8 +65,8 @@ class Calibration:
         camera_residual: (C,) the same per camera, NaN for cameras without boxes. A camera with a
             clearly higher residual than the others is misplaced.
         sightings: (C,) number of boxes per camera in the last adjustment.
-        frame_offset: (C,) frames by which each camera's frame numbers are too high: offsets from
-            the search, if requested, and lags found in the refined rig.
+        frame_offset: (C,) frames by which each camera's frame numbers are too high, found in the
+            refined rig.
         anchors: each quantity stated by anchors, and the height of the people, compared with all
             other evidence; empty without anchors.
     """
@@ -103,7 +101,6 @@ def register(
     settings: CalibrationSettings | None = None,
     *,
     camera_names: Sequence[str] | None = None,
-    maximum_offset: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
     """Register cameras over a metric ground from boxes alone: the first half of `calibrate`.
@@ -117,8 +114,6 @@ def register(
         image_size: (2,) width and height in pixels for all cameras, or (C, 2).
         settings: constants; the same for all data.
         camera_names: names for error messages.
-        maximum_offset: largest clock offset of a single camera, in frames, to search for and
-            correct; 0 trusts the frame numbers.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
@@ -129,18 +124,14 @@ def register(
         CalibrationError: if fewer than two cameras can be trusted.
     """
     settings = CalibrationSettings() if settings is None else settings
-    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
     require_few_people(detections.frame, detections.camera, camera_names)
     require_different_cameras(detections.frame, detections.camera, detections.box, camera_names)
     size = camera_sizes(detections, image_size)
     require_boxes_in_images(detections.camera, detections.box, size, camera_names)
     require_names(camera_names, len(size))
     report = as_progress(progress)
-    offset = np.zeros(len(size), np.int64)
     work, registered = _register_bent(detections, size, settings, camera_names, report)
-    if maximum_offset > 0:
-        work, registered, offset = find_offsets(work, registered, maximum_offset, report)
-    return describe_registration(work, registered, camera_names, offset)
+    return describe_registration(work, registered, camera_names)
 
 
 def _register_bent(
@@ -197,10 +188,7 @@ def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarr
 
 
 def describe_registration(
-    work: Workspace,
-    registered: AdjustedRig,
-    camera_names: Sequence[str] | None,
-    offset: Int[np.ndarray, " cam"],
+    work: Workspace, registered: AdjustedRig, camera_names: Sequence[str] | None
 ) -> Calibration:
     """Describe a registered rig as a scene with its evidence.
 
@@ -208,7 +196,6 @@ def describe_registration(
         work: the sequence.
         registered: its cameras.
         camera_names: for error messages.
-        offset: (C,) frames by which each camera's frame numbers are too high.
 
     Raises:
         CalibrationError: if fewer than two cameras can be trusted.
@@ -239,7 +226,7 @@ def describe_registration(
         distortion_sd=np.where(state.placed, bundle.k1_sd, np.nan),
         shared_focal=False,
         foot_offset=work.settings.foot_offset,
-        frame_offset=offset,
+        frame_offset=np.zeros(work.grid.camera_count, np.int64),
         **told_by(bundle, work.grid.frame_count, work.settings),
     )
 

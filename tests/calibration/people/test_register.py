@@ -8,7 +8,6 @@ import pytest
 from catfree.calibration.people import (
     refine_with_correspondences,
     register,
-    remove_offsets,
     without_vague_cameras,
 )
 from catfree.errors import CalibrationError, InvalidInputError
@@ -290,13 +289,3 @@ def test_wrong_sizes_and_names_are_named(world):
             register(world.detections, [width, 1080])
     with pytest.raises(InvalidInputError, match="camera_names has 1"):
         register(world.detections, SIZE, camera_names=["left"])
-
-
-def test_a_late_clock_is_found_and_corrected(world):
-    late = replaced(world.detections, 1, frame=lambda f: f + 6)
-    found = register(late, SIZE, maximum_offset=10)
-    assert found.scene.rig.registered.all()
-    assert abs(found.frame_offset[1] - 6) <= 1
-    assert np.abs(np.delete(found.frame_offset, 1)).max() <= 1
-    common = remove_offsets(late, np.array([0, 6, 0, 0]))
-    np.testing.assert_array_equal(common.frame, world.detections.frame)

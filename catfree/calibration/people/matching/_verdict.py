@@ -123,6 +123,11 @@ def judge_cameras(
     return verdicts, min(failing, key=lambda c: verdicts[c].margin, default=None)
 
 
+def weakest(verdicts: dict[int, PlacementVerdict]) -> int:
+    """Return the camera with the least evidence per match."""
+    return min(verdicts, key=lambda c: verdicts[c].margin / max(1, verdicts[c].matches))
+
+
 def _shortcomings(
     association: float, margin: float, settings: CalibrationSettings
 ) -> tuple[str, ...]:

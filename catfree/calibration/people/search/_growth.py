@@ -18,6 +18,7 @@ from catfree.calibration.people.matching._verdict import (
     PlacementVerdict,
     judge_camera,
     judge_cameras,
+    weakest,
 )
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
@@ -44,12 +45,6 @@ class AdjustedRig:
         """Number of trusted cameras, and the sum of their evidence above chance."""
         margins = [verdict.margin for verdict in self.verdicts.values() if verdict.accepted]
         return len(margins), float(sum(margins))
-
-    @property
-    def weakest(self) -> int:
-        """Camera with the least evidence per match."""
-        verdicts = self.verdicts
-        return min(verdicts, key=lambda c: verdicts[c].margin / max(1, verdicts[c].matches))
 
 
 def grow_rig(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
@@ -113,7 +108,7 @@ def drop_harmful(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
         The rig of the remaining cameras.
     """
     while len(rig.verdicts) > 2:
-        less = fit_rig(work, rig.state.without_camera(rig.weakest))
+        less = fit_rig(work, rig.state.without_camera(weakest(rig.verdicts)))
         if less is None or less.quality[1] <= rig.quality[1]:
             break
         rig = less

@@ -6,6 +6,7 @@ from unittest import mock
 import numpy as np
 from hypothesis import given, strategies as st
 
+from catfree.calibration.people.matching._verdict import weakest
 from catfree.calibration.people.search import _growth
 from catfree.calibration.people.search._growth import (
     CHANCE_SHARES,
@@ -48,7 +49,7 @@ def test_a_weak_camera_stays_if_the_others_see_nobody_in_common(cameras, at):
     rig = rig_of(cameras)
     weak = sorted(cameras)[at % len(cameras)]
     rig = replace(rig, verdicts={**rig.verdicts, weak: verdict_of(30.0)})
-    assert rig.weakest == weak
+    assert weakest(rig.verdicts) == weak
     kept = drop_harmful(WORK, rig)
     assert set(np.flatnonzero(kept.state.placed)) == cameras
     assert kept.verdicts == rig.verdicts
