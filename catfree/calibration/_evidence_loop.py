@@ -89,11 +89,13 @@ class EvidenceLoop:
             offset = offset_for(calibration, self.boxes(calibration), camera, maximum, rules)
             if offset == 0:
                 continue
-            shifted = calibration.frame_offset.copy()
-            shifted[camera] += offset
-            others = replace(without_camera(calibration, camera), frame_offset=shifted)
+            by = offset * (np.arange(len(calibration.frame_offset)) == camera)
+            corrected = replace(calibration, frame_offset=calibration.frame_offset + by)
+            found = reconsider(corrected, self.boxes(corrected), rules)
+            if found is None:
+                continue
             try:
-                found = self.settle(others)
+                found = self.settle(found)
             except CalibrationError:
                 continue
             if found.scene.rig.registered[camera]:

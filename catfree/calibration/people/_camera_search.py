@@ -50,7 +50,7 @@ def reconsider(
     changed: dict[int, PlacementVerdict] = {}
     for camera in range(len(state.placed)):
         without = state.without_camera(camera)
-        if without.placed.sum() < 2:
+        if not without.placed.any():
             continue
         least = 0.0
         if state.placed[camera]:
@@ -71,7 +71,7 @@ def without_camera(calibration: Calibration, camera: int) -> Calibration:
 def doubtful_cameras(
     calibration: Calibration, detections: Detections, settings: CalibrationSettings
 ) -> list[int]:
-    """Find the cameras whose clocks may be wrong: missing ones, and the weakest of three or more.
+    """Find the cameras whose clocks may be wrong: missing ones, and the weakest.
 
     Args:
         calibration: a refined rig.
@@ -81,7 +81,7 @@ def doubtful_cameras(
     work, state = _resume(calibration, detections, settings)
     verdicts, _ = judge_cameras(work, state)
     missing = np.flatnonzero(~state.placed & work.useful).tolist()
-    return [*missing, weakest(verdicts)] if len(verdicts) > 2 else missing
+    return [*missing, weakest(verdicts)]
 
 
 def offset_for(

@@ -11,8 +11,6 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.types import Detections
 from catfree.types._validation import as_integer, require_shape
 
-TRIED = 16  # placements, of all shifts, to compare by their evidence
-
 
 def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detections:
     """Correct clock offsets: subtract each camera's offset from its frame numbers.
@@ -50,15 +48,17 @@ def offset_of_unplaced(
             most a third of the sequence.
     """
     settings, reach = work.settings, min(maximum, work.grid.frame_count // 3)
-    voters = group_people(work.voting, state, settings).ground
-    candidates = []
+    voters, people = (group_people(g, state, settings).ground for g in (work.voting, work.scoring))
+    shifts, placements = [], []
     for shift in range(-reach, reach + 1):
-        sample = work.grid.shifted(camera, -shift).thinned(settings.voting_frames)
-        places = voted_places(work, state, camera, sample, voters, CANDIDATES)
-        candidates += [(score, shift, place) for score, place in places]
-    candidates = sorted(candidates, key=lambda item: -item[0])[:TRIED]
-    people = group_people(work.grid, state, settings).ground
-    placements = [(work.grid.shifted(camera, -shift), place) for _, shift, place in candidates]
+        shifted = work.grid.shifted(camera, -shift)
+        voting, scoring = (
+            shifted.thinned(count) for count in (settings.voting_frames, settings.scoring_frames)
+        )
+        votes = voted_places(work, state, camera, voting, voters, CANDIDATES)
+        if votes:
+            shifts.append(shift)
+            placements.append((scoring, max(votes, key=lambda item: item[0])[1]))
     judged = judge_refined(work, state, camera, placements, people).items()
-    found = [(one.margin, candidates[at][1]) for at, (_, one) in judged if one.accepted]
+    found = [(verdict.margin, shifts[at]) for at, (_, verdict) in judged if verdict.accepted]
     return max(found, default=(0.0, 0))
