@@ -28,7 +28,7 @@ from catfree.adapters.files._fingerprint import hash_samples
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._video_sources import ImageFolder
 from catfree.calibration import Calibration, remove_offsets
-from catfree.calibration.people import offset_for
+from catfree.calibration.people import place_late_camera
 from catfree.calibration.watching import estimate_clocks
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.geometry._person import edge_deviation
@@ -455,13 +455,12 @@ def calibration_warnings(
     sure = remove_offsets(sure, offset)
     reach = LONGEST * frame_step(np.unique(sure.frame))
     for camera in np.flatnonzero(~calibration.scene.rig.registered):
-        likely_offset = offset_for(calibration, sure, int(camera), reach, settings.calibration)
-        if likely_offset:
-            alone = offset.copy()
-            alone[camera] = likely_offset
+        found = place_late_camera(calibration, sure, int(camera), reach, settings.calibration)
+        if found is not None:
+            started = _started(int(found.frame_offset[camera]), detections.clock)
             warnings.append(
                 f"Camera {quoted(videos.camera_names[camera])} could not be placed, but would fit "
-                f"if it had {_started(likely_offset, detections.clock)}. {_advice(alone, videos)}"
+                f"if it had {started}. {_advice(found.frame_offset, videos)}"
             )
     return tuple(warnings)
 

@@ -13,7 +13,7 @@ from catfree.calibration._confident_people import confident_people
 from catfree.calibration.people import (
     Calibration,
     doubtful_cameras,
-    offset_for,
+    place_late_camera,
     reconsider,
     refine_with_correspondences,
     remove_offsets,
@@ -86,12 +86,8 @@ class EvidenceLoop:
         """
         rules = self.settings.calibration
         for camera in doubtful_cameras(calibration, self.boxes(calibration), rules):
-            offset = offset_for(calibration, self.boxes(calibration), camera, maximum, rules)
-            if offset == 0:
-                continue
-            by = offset * (np.arange(len(calibration.frame_offset)) == camera)
-            corrected = replace(calibration, frame_offset=calibration.frame_offset + by)
-            found = reconsider(corrected, self.boxes(corrected), rules)
+            boxes = self.boxes(calibration)
+            found = place_late_camera(calibration, boxes, camera, maximum, rules)
             if found is None:
                 continue
             try:

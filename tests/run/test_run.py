@@ -504,12 +504,13 @@ def test_clock_offsets_are_removed_and_stated(pictures, tmp_path, monkeypatch):
     world = small_world()
     asked = []
 
-    def pretend(detections, image_size, settings, **options):
-        asked.append(options["maximum_offset"])
+    def pretend(*_, maximum_offset, **__):
+        asked.append(maximum_offset)
         return made_up_calibration([0, -10, 0])
 
-    monkeypatch.setattr(stages_module, "register", pretend)
-    monkeypatch.setattr(stages_module, "refine_registered", lambda begun, *a, **k: begun)
+    begun = made_up_calibration([0, 0, 0])
+    monkeypatch.setattr(stages_module, "register", lambda *_, **__: begun)
+    monkeypatch.setattr(stages_module, "refine_registered", pretend)
     settings = Settings.paper()
     outcome = run_stages(
         pictures, ReadsItsPicture(world.detections), settings=settings, maximum_offset=12
@@ -675,7 +676,10 @@ def test_a_camera_that_could_not_be_placed_is_told_the_shift_with_which_it_fits(
         (1, "1 frame (0.2 s)", "before"),
         (0, "", None),
     ):
-        monkeypatch.setattr(input_checks, "offset_for", lambda *a, offset=offset: offset)
+        late = calibration if offset else None
+        if late is not None:
+            late = replace(late, frame_offset=np.where(np.arange(CAMERAS) == 1, offset, 0))
+        monkeypatch.setattr(input_checks, "place_late_camera", lambda *_, late=late: late)
         said = input_checks.calibration_warnings(calibration, boxes, given, Settings())
         expected = (
             f"Camera 'b' could not be placed, but would fit if it had started about {by} {when} "

@@ -4,7 +4,7 @@ from catfree.calibration.people._anchored import anchored as anchored
 from catfree.calibration.people._camera_search import (
     confirm as confirm,
     doubtful_cameras as doubtful_cameras,
-    offset_for as offset_for,
+    place_late_camera as place_late_camera,
     reconsider as reconsider,
     without_camera as without_camera,
     without_vague_cameras as without_vague_cameras,

@@ -23,7 +23,7 @@ from catfree.calibration.people.matching._verdict import (
     weakest,
 )
 from catfree.calibration.people.matching._workspace import Workspace, prepare
-from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
+from catfree.calibration.people.search._clock_offsets import place_at_a_shift
 from catfree.calibration.people.search._growth import best_candidate
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
@@ -84,35 +84,42 @@ def doubtful_cameras(
     return [*missing, weakest(verdicts)]
 
 
-def offset_for(
+def place_late_camera(
     calibration: Calibration,
     detections: Detections,
     camera: int,
     maximum: int,
     settings: CalibrationSettings,
-) -> int:
-    """Find the clock offset at which a camera fits the others, clearly better than where it is.
+) -> Calibration | None:
+    """Place a camera at the clock offset at which it fits the others, if clearly better than now.
 
     Args:
         calibration: a rig with or without the camera.
-        detections: (N,) the boxes it was made from.
+        detections: (N,) the boxes of the calibration.
         camera: index of the camera.
         maximum: largest offset to try, in frame numbers.
         settings: constants.
 
     Returns:
-        Frames by which its frame numbers are too high; 0 if it fits without an offset, or nowhere.
+        The rig with the camera, and the offset added to its `frame_offset`; None if the camera fits
+        without an offset, or nowhere.
     """
     work, state = _resume(calibration, detections, settings)
     if not work.useful[camera]:
-        return 0
+        return None
     step = frame_step(work.grid.frames)
-    rest = state.without_camera(camera)
-    margin, shift = offset_of_unplaced(work, rest, camera, maximum // step)
+    found = place_at_a_shift(work, state.without_camera(camera), camera, maximum // step)
+    if found is None or found[0] == 0:
+        return None
+    shift, parameters, verdict = found
     if state.placed[camera]:
-        current = judge_camera(work, work.grid, state, camera)
-        shift *= margin > current.margin + settings.minimum_margin
-    return shift * step
+        current = judge_camera(work, work.scoring, state, camera)
+        if verdict.margin <= current.margin + settings.minimum_margin:
+            return None
+    offset = calibration.frame_offset.copy()
+    offset[camera] += shift * step
+    placed = _with_cameras(calibration, state.with_camera(camera, parameters), {camera: verdict})
+    return replace(placed, frame_offset=offset)
 
 
 def confirm(

@@ -7,7 +7,7 @@ import pytest
 
 from catfree.calibration.people import (
     confirm,
-    offset_for,
+    place_late_camera,
     reconsider,
     remove_offsets,
     without_camera,
@@ -54,7 +54,15 @@ def test_a_camera_that_is_missing_for_lateness_gets_its_offset(world, calibratio
     offset = np.where(np.arange(6) == CAMERA, -late, 0)
     boxes = remove_offsets(world.detections, offset)
     boxes = boxes[boxes.frame >= 0]
-    assert offset_for(missing, boxes, CAMERA, 12, RULES) == late
+    found = place_late_camera(missing, boxes, CAMERA, 12, RULES)
+    if late == 0:
+        assert found is None
+        return
+    assert found is not None
+    assert found.frame_offset.tolist() == (-offset).tolist()
+    assert found.scene.rig.registered.all()
+    distance = np.asarray(found.scene.rig.centers) - np.asarray(calibration.scene.rig.centers)
+    assert np.linalg.norm(distance[CAMERA]) < 0.6
 
 
 def test_a_misplaced_camera_is_moved_back(world, calibration) -> None:

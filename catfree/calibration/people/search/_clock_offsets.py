@@ -2,8 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
+from jaxtyping import Float
+
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import CANDIDATES
+from catfree.calibration.people.matching._verdict import PlacementVerdict
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._growth import judge_refined, voted_places
 from catfree.errors import InvalidInputError
@@ -35,10 +39,10 @@ def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detectio
     return replace(detections, frame=detections.frame - offset[detections.camera])
 
 
-def offset_of_unplaced(
+def place_at_a_shift(
     work: Workspace, state: RigState, camera: int, maximum: int
-) -> tuple[float, int]:
-    """Evidence above chance, and the shift at which an unplaced camera fits; zeros if none does.
+) -> tuple[int, Float[np.ndarray, "7"], PlacementVerdict] | None:
+    """Find the shift in time, and the placement, at which a camera has the most evidence.
 
     Args:
         work: the sequence.
@@ -46,6 +50,9 @@ def offset_of_unplaced(
         camera: index of the camera.
         maximum: largest shift to try, in instants by which its clock may be too high or too low; at
             most a third of the sequence.
+
+    Returns:
+        Shift, parameters (7,) and verdict; None if the evidence is nowhere sufficient.
     """
     settings, reach = work.settings, min(maximum, work.grid.frame_count // 3)
     voters, people = (group_people(g, state, settings).ground for g in (work.voting, work.scoring))
@@ -60,5 +67,5 @@ def offset_of_unplaced(
             shifts.append(shift)
             placements.append((scoring, max(votes, key=lambda item: item[0])[1]))
     judged = judge_refined(work, state, camera, placements, people).items()
-    found = [(verdict.margin, shifts[at]) for at, (_, verdict) in judged if verdict.accepted]
-    return max(found, default=(0.0, 0))
+    found = [(shifts[at], *one) for at, one in judged if one[1].accepted]
+    return max(found, key=lambda one: one[2].margin, default=None)
