@@ -85,7 +85,9 @@ class EvidenceLoop:
             The rig, with the offsets included in its `frame_offset`.
         """
         rules = self.settings.calibration
-        for camera in doubtful_cameras(calibration, self.boxes(calibration), rules):
+        doubtful = doubtful_cameras(calibration, self.boxes(calibration), rules)
+        for done, camera in enumerate(doubtful):
+            self.report("offsets", done, len(doubtful))
             boxes = self.boxes(calibration)
             found = place_late_camera(calibration, boxes, camera, maximum, rules)
             if found is None:
@@ -96,6 +98,7 @@ class EvidenceLoop:
                 continue
             if found.scene.rig.registered[camera]:
                 calibration = found
+        self.report("offsets", len(doubtful), len(doubtful))
         return calibration
 
     def synchronized(self, calibration: Calibration) -> Calibration:

@@ -6,7 +6,7 @@ from catfree.errors import InvalidInputError
 from catfree.types import Tracks
 from catfree.types._validation import as_path
 
-_IN_FOLDER = ("tracks.csv", "tracks.parquet", "tracks.npz")
+_IN_FOLDER = ("tracks.csv", "tracks.parquet")
 
 
 def read_tracks(path: StrPath) -> Tracks:

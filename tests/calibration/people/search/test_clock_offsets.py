@@ -48,7 +48,12 @@ def test_the_offset_is_found_of_a_camera_that_was_placed_elsewhere_or_nowhere(la
     boxes = world.detections
     frame = np.where(boxes.camera == 1, boxes.frame + late, boxes.frame)
     size = world.scene.rig.image_size
-    found = calibrate(replace(boxes, frame=frame), size, maximum_offset=8)
+    stages = []
+    found = calibrate(
+        replace(boxes, frame=frame), size, maximum_offset=8, progress=lambda *s: stages.append(s)
+    )
+    searched = [(done, total) for stage, done, total in stages if stage == "offsets"]
+    assert searched == [(done, searched[0][1]) for done in range(searched[0][1] + 1)]
     assert found.scene.rig.registered.all()
     assert found.frame_offset.tolist() == [0, late, 0, 0]
 
