@@ -15,10 +15,8 @@ def calibration_of(scene: Scene, **others: Any) -> Calibration:
     stated: dict[str, Any] = {
         "association_rate": ones,
         "log_likelihood_ratio": ones,
-        "focal_sd": ones,
         "distortion_sd": 0 * ones,
         "camera_covariance": 1e-4 * np.eye(7 * count).reshape(count, 7, count, 7),
-        "center_covariance": np.tile(1e-4 * np.eye(3), (count, 1, 1)),
         "shared_focal": False,
         "scale_sd": 0.1,
         "crowd_height": 1.7,

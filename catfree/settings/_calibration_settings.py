@@ -196,7 +196,7 @@ class CalibrationSettings(CheckedSettings):
         "from a few frames to half the sequence, in both directions",
     )
     largest_focal_sd: float = constant(
-        0.05, "decision", "with more, a person 20 m away is misplaced by a meter"
+        0.125, "decision", "with more, a person 8 m away is misplaced by a meter"
     )
 
     # The refinement.

@@ -165,7 +165,7 @@ def test_a_move_is_measured_in_deviations_of_the_camera_that_moved_most(right, s
     there = moved(right, camera, *step)
     expected = np.hypot(*step) / np.sqrt(np.trace(right.center_covariance[camera]) / 3)
     assert largest_move(right, there) == pytest.approx(expected, rel=1e-3, abs=1e-3)
-    wider = replace(there, center_covariance=right.center_covariance * scale**2)
+    wider = replace(there, camera_covariance=there.camera_covariance * scale**2)
     assert largest_move(right, wider) == pytest.approx(largest_move(right, there) / scale)
     assert largest_move(right, right) == 0
 

@@ -43,7 +43,6 @@ from catfree.calibration.people.anchors._mixed_model import MixedFit, fit_mixed_
 from catfree.calibration.people.cameras._camera_model import (
     LOG_FOCAL,
     PAN,
-    X,
     of_rig,
     rotation,
     scene_of,
@@ -452,7 +451,6 @@ def _described(
     lenses = RadialLenses(np.asarray(rig.K, np.float64)[:, 0, 0], radial_distortion(rig))
     bent = lenses.of_focal(focal).k1
     scene = scene_of(np.where(known[:, None], cameras, np.nan), rig.image_size, bent)
-    blocks = covariance[np.arange(count), :, np.arange(count)]
     scale = float(np.exp(fit.frame[0]))
     crowd_height = calibration.crowd_height * scale
     return replace(
@@ -460,8 +458,6 @@ def _described(
         scene=replace(
             scene, georeference=earth, rig_sd=shape_deviation(cameras, covariance, known)
         ),
-        focal_sd=np.where(known, focal * np.sqrt(blocks[:, LOG_FOCAL, LOG_FOCAL]), np.nan),
-        center_covariance=np.where(known[:, None, None], blocks[:, X:, X:], np.nan),
         camera_covariance=covariance,
         scale_sd=scale_deviation(cameras, covariance, known),
         crowd_height=crowd_height,

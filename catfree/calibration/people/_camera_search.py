@@ -219,10 +219,8 @@ def _with_cameras(
         scene=replace(scene, rig_sd=rig_sd),
         association_rate=association,
         log_likelihood_ratio=evidence,
-        focal_sd=np.where(kept, calibration.focal_sd, np.nan),
         camera_covariance=joint,
         distortion_sd=np.where(kept, calibration.distortion_sd, np.nan),
-        center_covariance=np.where(kept[:, None, None], calibration.center_covariance, np.nan),
         camera_residual=np.where(kept, calibration.camera_residual, np.nan),
         sightings=np.where(kept, calibration.sightings, 0),
     )

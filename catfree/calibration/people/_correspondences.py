@@ -120,30 +120,27 @@ def refine_with_correspondences(
     is_bent = bent.cost <= (1 - settings.free_lens_gain) * ideal.cost
     separate = solved(spread=np.inf, bent=is_bent)
     known = np.flatnonzero(np.isfinite(separate.parameters[:, LOG_FOCAL]))
-    errors = separate.camera_covariance(repeats)[:, LOG_FOCAL, :, LOG_FOCAL]
-    spread = learn_focal_spread(
-        separate.parameters[known, LOG_FOCAL], errors[np.ix_(known, known)], settings
+    covariance = separate.camera_covariance(repeats)
+    spread, among = learn_focal_spread(
+        separate.parameters[known, LOG_FOCAL], covariance[known][:, :, known], settings
     )
+    covariance[known[:, None], :, known] = among.transpose(0, 2, 1, 3)
     solutions = {alike: bent if is_bent else ideal, np.inf: separate}
     result = solutions.get(spread) or solved(spread=spread, bent=is_bent)
     adjusted = np.isfinite(result.parameters[:, LOG_FOCAL])
     parameters = np.where(adjusted[:, None], result.parameters, parameters)
     scene = scene_of(parameters, rig.image_size, np.where(adjusted, result.k1, k1))
     instants = len(np.unique(np.asarray(detections.frame)[row]))
-    rig_sd = shape_deviation(result.parameters, result.camera_covariance(repeats), adjusted)
-    found = told_by(result, instants, settings)
-    for name in ("focal_sd", "center_covariance"):  # cameras without boxes keep their values
-        found[name] = np.where(np.isnan(found[name]), getattr(calibration, name), found[name])
+    rig_sd = shape_deviation(result.parameters, covariance, adjusted)
     return replace(
         calibration,
-        **found,
+        **told_by(result, covariance, instants, settings),
         scene=replace(scene, rig_sd=rig_sd),
         shared_focal=spread == alike,
         distortion_sd=np.where(adjusted, repeats**0.25 * result.k1_sd, calibration.distortion_sd),
         camera_covariance=np.where(
             np.logical_and.outer(adjusted, adjusted)[:, None, :, None],
-            # A common focal length is an assumption that anchors may not confirm.
-            separate.camera_covariance(repeats),
+            covariance,
             calibration.camera_covariance,
         ),
     )

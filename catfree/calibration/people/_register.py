@@ -43,17 +43,13 @@ class Calibration:
             rig should see; NaN for unregistered cameras, as in the following fields.
         log_likelihood_ratio: (C,) natural-log evidence of each camera against the map of the
             others, minus the highest evidence of its boxes at shifted times.
-        focal_sd: (C,) standard deviation of the focal length in pixels.
-        camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center, for
-            weighing people against anchors; larger than `focal_sd` and `center_covariance`, because
-            the boxes of one person share errors, and focal lengths may differ. 0 for unregistered
-            cameras, NaN for newly placed ones.
+        camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center, with
+            the heading and ground position of the camera with most boxes fixed. It covers random
+            box noise, errors that the boxes of one person share, the foot offset, focal lengths
+            that differ, and lens distortion where it was estimated; `scale_sd` covers the scale. 0
+            for unregistered cameras, NaN for newly placed ones.
         distortion_sd: (C,) standard deviation of the radial distortion k1 in
             `scene.rig.distortion`; 0 where none was estimated because it did not pay off.
-        center_covariance: (C, 3, 3) of the camera centers in square meters, with the heading and
-            ground position of the camera with most boxes fixed. This and `focal_sd` cover random
-            box noise, the foot offset, and lens distortion where it was estimated; `scale_sd`
-            covers the scale.
         shared_focal: whether one focal length is used for all cameras.
         scale_sd: relative standard deviation of every length, from the uncertain height of the
             people, the slack of the boxes, the foot offset, and box noise.
@@ -74,10 +70,8 @@ class Calibration:
     scene: Scene
     association_rate: Float[np.ndarray, " cam"]
     log_likelihood_ratio: Float[np.ndarray, " cam"]
-    focal_sd: Float[np.ndarray, " cam"]
     camera_covariance: Float[np.ndarray, "cam 7 cam 7"]
     distortion_sd: Float[np.ndarray, " cam"]
-    center_covariance: Float[np.ndarray, "cam 3 3"]
     shared_focal: bool
     scale_sd: float
     crowd_height: float
@@ -88,6 +82,20 @@ class Calibration:
     sightings: Int[np.ndarray, " cam"]
     frame_offset: Int[np.ndarray, " cam"]
     anchors: tuple[AnchorCheck, ...] = ()
+
+    @property
+    def focal_sd(self) -> Float[np.ndarray, " cam"]:
+        """(C,) standard deviation of the focal length in pixels."""
+        cameras = np.arange(len(self.camera_covariance))
+        variance = self.camera_covariance[cameras, LOG_FOCAL, cameras, LOG_FOCAL]
+        return np.asarray(self.scene.rig.K)[:, 0, 0] * np.sqrt(variance)
+
+    @property
+    def center_covariance(self) -> Float[np.ndarray, "cam 3 3"]:
+        """(C, 3, 3) covariance of the camera centers in square meters."""
+        cameras = np.arange(len(self.camera_covariance))
+        covariance = self.camera_covariance[cameras, X:, cameras, X:]
+        return np.where(self.scene.rig.registered[:, None, None], covariance, np.nan)
 
     @property
     def contradictions(self) -> tuple[str, ...]:
@@ -218,34 +226,39 @@ def describe_registration(
         association[camera], evidence[camera] = verdict.association, verdict.margin
     # The boxes were undistorted for another focal length.
     k1 = work.lenses.of_focal(np.exp(state.parameters[:, LOG_FOCAL])).k1
+    # Nobody is tracked yet: everybody may be seen at all instants.
+    covariance = bundle.camera_covariance(repeats=float(work.grid.frame_count))
     return Calibration(
         scene=scene_of(state.parameters, work.grid.size, k1),
         association_rate=association,
         log_likelihood_ratio=evidence,
-        camera_covariance=bundle.camera_covariance(),
+        camera_covariance=covariance,
         distortion_sd=np.where(state.placed, bundle.k1_sd, np.nan),
         shared_focal=False,
         foot_offset=work.settings.foot_offset,
         frame_offset=np.zeros(work.grid.camera_count, np.int64),
-        **told_by(bundle, work.grid.frame_count, work.settings),
+        **told_by(bundle, covariance, work.grid.frame_count, work.settings),
     )
 
 
-def told_by(bundle: BundleResult, instants: int, settings: CalibrationSettings) -> dict[str, Any]:
+def told_by(
+    bundle: BundleResult,
+    covariance: Float[np.ndarray, "cam 7 cam 7"],
+    instants: int,
+    settings: CalibrationSettings,
+) -> dict[str, Any]:
     """Fields of a `Calibration` known from any adjustment; NaN for cameras without boxes.
 
     Args:
         bundle: the adjustment.
+        covariance: (C, 7, C, 7) of its cameras.
         instants: number of frames with its people.
         settings: constants.
     """
     known = np.isfinite(bundle.parameters[:, LOG_FOCAL])
-    own, focal = bundle.own_covariance, np.exp(bundle.parameters[:, LOG_FOCAL])
     crowd_sd = crowd_deviation(len(bundle.people) / instants, settings)
-    scale_sd = scale_deviation(bundle.parameters, bundle.camera_covariance(), known)
+    scale_sd = scale_deviation(bundle.parameters, covariance, known)
     return {
-        "focal_sd": focal * np.sqrt(own[:, LOG_FOCAL, LOG_FOCAL]),
-        "center_covariance": np.where(known[:, None, None], own[:, X:, X:], np.nan),
         "scale_sd": np.hypot(scale_sd, crowd_sd / settings.person_height).item(),
         "crowd_height": settings.person_height,
         "crowd_height_sd": crowd_sd,

@@ -13,6 +13,7 @@ from catfree.calibration.people import (
     without_camera,
     without_vague_cameras,
 )
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.synthetic import DetectorModel, make_world
@@ -108,7 +109,8 @@ def test_without_a_camera_the_others_stay(calibration) -> None:
     np.testing.assert_array_equal(rest.scene.rig.registered, kept)
     for name in ("camera_residual", "log_likelihood_ratio", "association_rate", "focal_sd"):
         assert np.isnan(getattr(rest, name)[CAMERA])
-        np.testing.assert_array_equal(getattr(rest, name)[kept], getattr(calibration, name)[kept])
+        before, after = (getattr(one, name)[kept] for one in (calibration, rest))
+        np.testing.assert_allclose(after, before, rtol=1e-12)
     np.testing.assert_allclose(
         np.asarray(rest.scene.rig.centers)[kept],
         np.asarray(calibration.scene.rig.centers)[kept],
@@ -129,19 +131,27 @@ def test_a_place_is_found_whose_votes_are_fewer_than_those_of_chance(seed, camer
     assert np.linalg.norm(center - world.true_centres[camera]) < 0.6
 
 
+def with_focal_deviation(calibration, deviation):
+    """State relative deviations of the focal lengths."""
+    covariance = calibration.camera_covariance.copy()
+    cameras = np.arange(len(covariance))
+    covariance[cameras, LOG_FOCAL, cameras, LOG_FOCAL] = np.square(deviation)
+    return replace(calibration, camera_covariance=covariance)
+
+
 def test_a_camera_whose_focal_length_nobody_knows_is_flagged(calibration) -> None:
-    focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
     deviation = np.full(6, 0.9 * RULES.largest_focal_sd)
-    known = replace(calibration, focal_sd=focal * deviation)
+    known = with_focal_deviation(calibration, deviation)
+    focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
+    np.testing.assert_allclose(known.focal_sd, focal * deviation)
     assert without_vague_cameras(known, RULES) is known
     deviation[CAMERA] = 1.1 * RULES.largest_focal_sd
-    found = without_vague_cameras(replace(calibration, focal_sd=focal * deviation), RULES)
+    found = without_vague_cameras(with_focal_deviation(calibration, deviation), RULES)
     assert found.scene.rig.registered.tolist() == [c != CAMERA for c in range(6)]
 
 
 def test_a_rig_whose_focal_lengths_nobody_knows_is_refused(calibration) -> None:
-    focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
-    vague = replace(calibration, focal_sd=focal * [0.01, 0.1, 0.2, 0.1, 0.3, 0.1])
+    vague = with_focal_deviation(calibration, [0.01, 0.13, 0.2, 0.13, 0.3, 0.13])
     names = ["north", "east", "south", "west", "door", "roof"]
     with pytest.raises(CalibrationError, match="camera 'south' to 20 %"):
         without_vague_cameras(vague, RULES, names)

@@ -108,13 +108,7 @@ class BundleResult:
     k1: Float[np.ndarray, " cam"]
     k1_sd: Float[np.ndarray, " cam"]
 
-    @property
-    def own_covariance(self) -> Float[np.ndarray, "cam 7 7"]:
-        """(C, 7, 7) covariance of each camera, 0 for cameras without boxes."""
-        index = 7 * np.arange(len(self.parameters))[:, None] + np.arange(7)
-        return self.covariance[index[:, :, None], index[:, None, :]]
-
-    def camera_covariance(self, repeats: float = 1.0) -> Float[np.ndarray, "cam 7 cam 7"]:
+    def camera_covariance(self, repeats: float) -> Float[np.ndarray, "cam 7 cam 7"]:
         """(C, 7, C, 7) covariance of the cameras.
 
         Args:
