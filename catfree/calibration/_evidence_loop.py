@@ -96,7 +96,8 @@ class EvidenceLoop:
                 found = self.settle(found)
             except CalibrationError:
                 continue
-            if found.scene.rig.registered[camera]:
+            registered = found.scene.rig.registered
+            if registered[camera] and registered[calibration.scene.rig.registered].all():
                 calibration = found
         self.report("offsets", len(doubtful), len(doubtful))
         return calibration

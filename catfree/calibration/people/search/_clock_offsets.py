@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.calibration.people.matching._group_people import RigState, group_people
-from catfree.calibration.people.matching._placement import CANDIDATES
 from catfree.calibration.people.matching._verdict import PlacementVerdict
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._growth import judge_refined, voted_places
@@ -62,7 +61,7 @@ def place_at_a_shift(
         voting, scoring = (
             shifted.thinned(count) for count in (settings.voting_frames, settings.scoring_frames)
         )
-        votes = voted_places(work, state, camera, voting, voters, CANDIDATES)
+        votes = voted_places(work, state, camera, voting, voters)
         if votes:
             shifts.append(shift)
             placements.append((scoring, max(votes, key=lambda item: item[0])[1]))

@@ -142,7 +142,7 @@ def best_candidate(
             grid.shifted(camera, round(share * grid.frame_count))
             for grid in (work.voting, work.scoring)
         )
-        votes = voted_places(work, state, camera, voting, voters, CANDIDATES)
+        votes = voted_places(work, state, camera, voting, voters)
         placements = [(scoring, start) for start in _distinct(votes, work.settings)[:CANDIDATES]]
         return list(judge_refined(work, state, camera, placements, people).values())
 
@@ -167,7 +167,7 @@ def _distinct(
 
 
 def voted_places(
-    work: Workspace, state: RigState, camera: int, grid: BoxGrid, people: GroundMap, most: int
+    work: Workspace, state: RigState, camera: int, grid: BoxGrid, people: GroundMap
 ) -> list[tuple[float, Float[np.ndarray, "7"]]]:
     """Find placements of a camera on each of its planes, by votes against the rig's people.
 
@@ -177,7 +177,6 @@ def voted_places(
         camera: index of the camera.
         grid: the boxes that vote.
         people: people of the rig in the same frames.
-        most: number of placements per plane.
 
     Returns:
         Scores and parameters (7,).
@@ -185,7 +184,7 @@ def voted_places(
     settings, places = work.settings, []
     for plane in work.planes(camera, _expected_focal(state, camera)):
         camera_map = map_camera(grid, camera, plane, settings, RANGE_ERRORS[0])
-        votes = vote(people, camera_map, settings, most)
+        votes = vote(people, camera_map, settings, CANDIDATES)
         places += [(score, placement.place(plane)) for score, placement in votes]
     return places
 
